@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// STEP (ISO 10303-21: AP203, AP214, AP242) without a CAD kernel: exact faces and edges with their ids, and a watertight mesh.
+#pragma once
+
+#include <string>
+#include <string_view>
+
+#include "planner/base/result.hpp"
+#include "planner/geom/brep.hpp"
+
+namespace asbuilt {
+
+struct StepOptions {
+  double chord_mm = 0;       // 0: 1e-4 of the diagonal, at most 0.02 mm, at least 0.001 mm
+  double angle_rad = 0.1745; // largest turn of the normal between neighbouring points
+  bool want_mesh = true;
+};
+
+/// Reads the bytes of a STEP file into one B-rep in the frame of the file's root, mm.
+/// Refuses step.not_step, step.truncated, step.no_body, step.limits, ... with `name:line: #id KEYWORD: what` in `where`.
+/// Whatever is not understood is named in Brep::unread and in the faults of faces and edges; the rest still comes in.
+Result<Done<Brep>> read_step(std::string_view bytes, const std::string& name, const StepOptions& options = {});
+
+}  // namespace asbuilt

@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The virtual cell: an imperfect part, burrs, two sensors with correlated noise, a robot whose real arm differs. It writes a
+// batch as a user would and, in another folder, the truth. The planner never sees the truth.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <string>
+
+#include "planner/base/result.hpp"
+
+namespace asbuilt {
+
+struct Scenario {
+  std::string part = "ring";       // ring | bracket
+  std::uint64_t seed = 1;
+  double turn_rad = -1;            // of the ring about its axis; negative: random
+  double tilt_rad = -1;            // negative: random within the fixture's play
+  std::string trap;                // "", or the fault to build in (see docs/formats.md)
+  std::string item_id;             // "": part and seed
+};
+
+/// Writes out/batch (a complete batch) and out/truth. Refuses input.bad_scenario.
+Result<Done<std::filesystem::path>> simulate(const Scenario& scenario, const std::filesystem::path& out);
+
+/// A scenario file ("asbuilt: scenario/1") -> Scenario.
+Result<Done<Scenario>> load_scenario(const std::filesystem::path& file);
+
+/// How far a finished run is from the truth: named numbers (edge_p95_mm, chamfer_within_ratio, burr_rms_mm, ...).
+Result<Done<std::map<std::string, double>>> compare_with_truth(const std::filesystem::path& out_item, const std::filesystem::path& truth);
+
+}  // namespace asbuilt

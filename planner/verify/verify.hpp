@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Stages 8 and 10: an independent replay of the program, planned and as read back from the emitted text. Own kinematics,
+// own distances; shares nothing with planner/robot and planner/plan. It never refuses: it reports.
+#pragma once
+
+#include "planner/artefacts/burrs.hpp"
+#include "planner/artefacts/features.hpp"
+#include "planner/artefacts/job.hpp"
+#include "planner/artefacts/location.hpp"
+#include "planner/artefacts/program.hpp"
+#include "planner/artefacts/tool_path.hpp"
+#include "planner/artefacts/verdict.hpp"
+
+namespace asbuilt {
+
+/// The cell alone: reach, limits, joint speeds, singularity, collision with obstacles and robot, spindle and end-of-program rules.
+Verdict verify_program(const CellSpec& cell, const Program& program);
+
+/// The cell and the item: everything above, plus fixture and part, chamfer legs along the adapted edges, gouge, feed against burr.
+Verdict verify_item(const Job& job, const Location& location, const Features& features, const Burrs& burrs, const ToolPath& path,
+                    const Program& program);
+
+/// What was read back against what was planned: every target, orientation, speed, event, in order; to half the last printed digit.
+Verdict compare_programs(const Program& planned, const Program& read_back, double position_step_mm, double angle_step_rad,
+                         double speed_step_mm_s);
+
+}  // namespace asbuilt
