@@ -58,9 +58,12 @@ struct Features {
   std::vector<AdaptedEdge> edges;  // in order of feature, then of Brep edge
   /// Refined in the fit: p_base_true = corrections[k].point(p_base) for capture k (starts from Location::corrections).
   std::vector<Pose<frame::Base, frame::Base>> corrections;
+  /// By feature: the tool pose (at the middle of the feature) for which adapted points are true commands. The robot's error
+  /// differs from posture to posture; motion stays near this turn about the tool axis, or says what leaving it costs.
+  std::map<std::string, Pose<frame::Base, frame::Tool>> T_base_tool_reference;
   template <class S, class A>
   static void visit(S& s, A&& a) {
-    a("edges", s.edges), a("corrections", s.corrections);
+    a("edges", s.edges), a("corrections", s.corrections), a("tool_reference", s.T_base_tool_reference);
   }
 };
 

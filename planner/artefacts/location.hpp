@@ -2,6 +2,7 @@
 // Stage 4's artefact: where the part sits, as the controller has to be told, and how well the data say so.
 #pragma once
 
+#include <map>
 #include <string>
 #include <vector>
 
@@ -31,11 +32,14 @@ struct Location {
   /// working orientation, found jointly with the part under the robot's error as prior.
   std::vector<Pose<frame::Base, frame::Base>> corrections;
   std::vector<Mat6> correction_covariances;   // child frame
+  /// By feature ("" for what belongs to none): the tool pose for which corrected points are true commands; see Features.
+  std::map<std::string, Pose<frame::Base, frame::Tool>> T_base_tool_reference;
   template <class S, class A>
   static void visit(S& s, A&& a) {
     a("base_part", s.T_base_part), a("covariance", s.covariance), a("rms", s.rms_mm), a("inlier_ratio", s.inlier_ratio);
     a("singular_values", s.singular_values), a("weak_directions", s.weak_directions), a("hypotheses", s.hypotheses);
     a("corrections", s.corrections), a("correction_covariances", s.correction_covariances);
+    a("tool_reference", s.T_base_tool_reference);
   }
 };
 
