@@ -1,10 +1,384 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "planner/simulate/simulate.hpp"
 
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <fstream>
+#include <set>
+#include <sstream>
+
+#include "planner/base/archive.hpp"
+#include "planner/base/number.hpp"
+#include "planner/robot/robot.hpp"
+#include "planner/simulate/files.hpp"
+#include "planner/simulate/sensor.hpp"
+#include "planner/simulate/solid.hpp"
+#include "planner/simulate/true_robot.hpp"
+
 namespace asbuilt {
-Result<Done<std::filesystem::path>> simulate(const Scenario&, const std::filesystem::path&) { return refuse({.code = "input.not_built"}); }
-Result<Done<Scenario>> load_scenario(const std::filesystem::path&) { return refuse({.code = "input.not_built"}); }
-Result<Done<std::map<std::string, double>>> compare_with_truth(const std::filesystem::path&, const std::filesystem::path&) {
-  return refuse({.code = "input.not_built"});
+namespace {
+
+using namespace simulate_detail;
+using BaseFlange = Pose<frame::Base, frame::Flange>;
+using BaseTool = Pose<frame::Base, frame::Tool>;
+
+const std::set<std::string>& known_traps() {
+  static const std::set<std::string> t = {"",        "lugs_missing", "flat_views",  "other_part",   "hand_eye",     "expired",     "truncated_ply",
+                                          "nan_cloud", "nan_points",  "step_cut",    "unknown_key",  "missing_unit", "edge_unscanned", "unreachable",
+                                          "clamp"};
+  return t;
 }
+
+struct Burr {  // one edge's burr, parallel to the edge's samples
+  std::vector<double> height_mm, length_mm, width_mm;
+  std::vector<Vec3> direction;
+};
+
+/// Height as a smooth random profile with bare stretches; the fin leans away from the bisector.
+Burr make_burr(const TrueEdge& e, Random& random) {
+  Burr b;
+  const double mean = random.uniform(0.12, 0.45), lean = random.uniform(-0.5, 0.5);
+  double slow = random.normal(), quick = random.normal();
+  for (std::size_t i = 0; i < e.p.size(); ++i) {
+    const double ds = i == 0 ? 0 : e.s_mm[i] - e.s_mm[i - 1];
+    const double a = std::exp(-ds / 12), c = std::exp(-ds / 3);
+    slow = a * slow + std::sqrt(1 - a * a) * random.normal();
+    quick = c * quick + std::sqrt(1 - c * c) * random.normal();
+    double h = mean * (1 + 0.45 * slow + 0.15 * quick);
+    if (slow < -1.3) h = 0;
+    h = std::clamp(h, 0.0, 1.2);
+    const Vec3 bisector = (e.n_1[i] + e.n_2[i]).normalized(), across = bisector.cross(e.tangent[i]).normalized();
+    const Vec3 dir = (std::cos(lean) * bisector + std::sin(lean) * across).normalized();
+    const double per_length = std::max(e.n_1[i].dot(dir), e.n_2[i].dot(dir));
+    b.direction.push_back(dir);
+    b.height_mm.push_back(h);
+    b.length_mm.push_back(h / per_length);
+    b.width_mm.push_back(h > 0 ? 0.12 + 0.25 * h : 0);
+  }
+  return b;
+}
+
+Mesh burr_mesh(const TrueEdge& e, const Burr& b) {
+  Mesh m;
+  for (std::size_t i = 0; i < e.p.size(); ++i) {
+    const Vec3 in_1 = -(e.n_2[i] - e.n_1[i] * e.n_1[i].dot(e.n_2[i])).normalized(), in_2 = -(e.n_1[i] - e.n_2[i] * e.n_1[i].dot(e.n_2[i])).normalized();
+    m.vertices.push_back(e.p[i] + 0.5 * b.width_mm[i] * in_1);
+    m.vertices.push_back(e.p[i] + b.length_mm[i] * b.direction[i]);
+    m.vertices.push_back(e.p[i] + 0.5 * b.width_mm[i] * in_2);
+  }
+  for (std::size_t i = 0; i + 1 < e.p.size(); ++i) {
+    if (b.height_mm[i] <= 0 && b.height_mm[i + 1] <= 0) continue;
+    const int a = static_cast<int>(3 * i);
+    for (int side = 0; side < 2; ++side) {
+      const int u = a + side, v = u + 1;
+      m.triangles.push_back({u, v, u + 3}), m.triangles.push_back({v, v + 3, u + 3});
+    }
+  }
+  return m;
+}
+
+template <class A, class B>
+Pose<A, B> drawn(const Pose<A, B>& T, double sd_mm, double sd_rad, Random& r) {
+  Vec6 xi;
+  for (int i = 0; i < 3; ++i) xi[i] = r.normal(0, sd_mm);
+  for (int i = 3; i < 6; ++i) xi[i] = r.normal(0, sd_rad);
+  return T.disturbed(xi);
+}
+
+std::string covariance_text(double sd_mm, double sd_rad) {
+  std::string t = "[";
+  for (int i = 0; i < 6; ++i) {
+    t += i ? ", [" : "[";
+    for (int j = 0; j < 6; ++j) t += (j ? ", " : "") + (i == j ? shortest_number(i < 3 ? sd_mm * sd_mm : sd_rad * sd_rad) : std::string("0"));
+    t += "]";
+  }
+  return t + "]";
+}
+
+struct Shot {
+  int sensor;
+  std::string feature;  // empty: none
+  BaseFlange T_base_flange;  // wanted
+};
+
+/// Where the sensor looks from, for one worked boss: in working orientation from two sides, and leaning over the other two.
+void add_detail_shots(std::vector<Shot>& shots, const std::string& feature, const std::vector<TrueEdge>& edges, const Pose<frame::Base, frame::Part>& T,
+                      const ToolSpec& tool) {
+  const double focus = tool.T_flange_tool.p_mm.z() + 12;
+  Vec3 middle = Vec3::Zero();
+  int n = 0;
+  for (const TrueEdge& e : edges)
+    if (e.feature == feature)
+      for (const Vec3& p : e.p) middle += p, ++n;
+  middle /= n;
+  const auto shoot = [&](const Vec3& target, double azimuth, double lean) {
+    const Vec3 x(std::cos(azimuth), std::sin(azimuth), 0);
+    Eigen::Quaterniond q = quat_from_z(-Vec3::UnitZ(), x);
+    if (lean != 0) q = Eigen::Quaterniond(Eigen::AngleAxisd(lean, Vec3(-x.y(), x.x(), 0))) * q;
+    shots.push_back({1, feature, BaseFlange(q, target - q * Vec3(0, 0, focus))});
+  };
+  int k = 0;
+  for (const TrueEdge& e : edges) {
+    if (e.feature != feature) continue;
+    const Vec3 out = T.direction(e.n_2[e.n_2.size() / 2]);
+    const double azimuth = std::atan2(out.y(), out.x());
+    // long edges in stretches that fit the field
+    const int stretches = std::max(1, static_cast<int>(std::ceil(e.s_mm.back() / 60)));
+    for (int j = 0; j < stretches; ++j) {
+      const Vec3 at = e.p[std::min(e.p.size() - 1, static_cast<std::size_t>((j + 0.5) / stretches * e.p.size()))];
+      const Vec3 target = T.point(stretches == 1 ? Vec3(0.5 * (at + middle)) : at);
+      shoot(target, azimuth, 0);
+      if (k % 2 == 1) shoot(target, azimuth, rad_from_deg(18));
+    }
+    ++k;
+  }
+}
+
+void add_wide_shots(std::vector<Shot>& shots, const Vec3& target, const SensorSpec& wide, bool flat, const Robot& robot, Random& random) {
+  for (int k = 0; k < 4; ++k) {
+    const double azimuth = kPi / 4 + k * kPi / 2 + random.uniform(-0.1, 0.1), height = flat ? kPi / 2 - 0.02 : rad_from_deg(62);
+    const Vec3 from(std::cos(azimuth) * std::cos(height), std::sin(azimuth) * std::cos(height), std::sin(height));
+    std::optional<BaseFlange> best;
+    double best_cost = 1e300;
+    for (int roll = 0; roll < 12; ++roll) {
+      const double a = 2 * kPi * roll / 12;
+      const Pose<frame::Base, frame::Sensor> T_base_sensor(quat_from_z(-from, Vec3(std::cos(a), std::sin(a), 0)), target + wide.working_distance_mm * from);
+      const BaseFlange T = T_base_sensor * wide.T_flange_sensor.inverse();
+      if (const auto q = robot.inverse_near(T, robot.spec().home_rad)) {
+        double cost = 0;
+        for (int i = 0; i < 6; ++i) cost += std::abs((*q)[i] - robot.spec().home_rad[i]);
+        if (cost < best_cost) best_cost = cost, best = T;
+      }
+    }
+    if (best) shots.push_back({0, "", *best});
+  }
+}
+
+}  // namespace
+
+Result<Done<std::filesystem::path>> simulate(const Scenario& sc, const std::filesystem::path& out) {
+  if ((sc.part != "ring" && sc.part != "bracket") || !known_traps().contains(sc.trap))
+    return refuse({.code = "input.bad_scenario", .where = sc.part + " " + sc.trap, .message = "found part '" + sc.part + "', trap '" + sc.trap +
+                                                                                      "'; allowed: part ring | bracket and the traps of docs/formats.md",
+                   .stage = "input"});
+  const std::string item = sc.item_id.empty() ? fmt::format("{}-{:04}", sc.part, sc.seed) : sc.item_id;
+  const std::filesystem::path batch = out / "batch", truth = out / "truth";
+  Random random = Random::stream(sc.seed, "virtual cell");
+
+  // ---- the part, as drawn and as made
+  const Solid nominal = sc.part == "ring" ? make_ring(true) : make_bracket();
+  Random made_random = Random::stream(sc.seed, "as made");
+  Solid real = sc.trap == "other_part" ? (sc.part == "ring" ? make_bracket() : make_ring(true)) : nominal;
+  if (sc.trap == "lugs_missing") real = make_ring(false);
+  real = as_made(real, made_random, 1.0);
+  const std::vector<TrueEdge> nominal_edges = worked_edges(nominal, 0.25);
+  const bool has_edges = sc.trap != "other_part" && sc.trap != "lugs_missing";
+  std::vector<TrueEdge> edges;
+  if (has_edges) edges = worked_edges(real, 0.25);
+  std::vector<Burr> burrs;
+  Random burr_random = Random::stream(sc.seed, "burr");
+  for (const TrueEdge& e : edges) burrs.push_back(make_burr(e, burr_random));
+
+  // ---- cell, calibration, robot
+  const CellSpec cell = virtual_cell();
+  const auto made_robot = Robot::from(cell.robot);
+  must(made_robot.has_value(), "the virtual robot was refused");
+  const Robot& robot = *made_robot;
+  Random calibration_random = Random::stream(sc.seed, "calibration");
+  const double sd_wide = 0.07, sd_wide_rad = 1e-4, sd_detail = 0.014, sd_detail_rad = 5e-5, sd_tool = 0.007, sd_tool_rad = 2e-5;
+  std::vector<Pose<frame::Flange, frame::Sensor>> mount_true, mount_given;
+  for (std::size_t i = 0; i < cell.sensors.size(); ++i) {
+    mount_true.push_back(drawn(cell.sensors[i].T_flange_sensor, 0.4, 0.003, calibration_random));
+    mount_given.push_back(drawn(mount_true[i], i == 0 ? sd_wide : sd_detail, i == 0 ? sd_wide_rad : sd_detail_rad, calibration_random));
+  }
+  if (sc.trap == "hand_eye") {
+    Vec6 xi;
+    xi << 1.06, 1.06, 0, 0, 0, 0;
+    mount_given[1] = mount_given[1].disturbed(xi);
+  }
+  const auto tool_true = drawn(cell.tools[0].T_flange_tool, 0.3, 0.0003, calibration_random);
+  const auto tool_given = drawn(tool_true, sd_tool, sd_tool_rad, calibration_random);
+  const TrueRobot arm(cell.robot, tool_given, sc.seed, 0.42, 0.07, 0.02);
+
+  // ---- fixture and mounting
+  const double lift = 22;
+  const bool is_ring = sc.part == "ring";
+  const Pose<frame::Base, frame::Fixture> T_base_fixture(Eigen::Quaterniond(Eigen::AngleAxisd(random.uniform(-0.15, 0.15), Vec3::UnitZ())),
+                                                         Vec3(random.uniform(1120, 1180), random.uniform(-40, 40), 590));
+  const auto T_base_fixture_true = drawn(T_base_fixture, 0.08, 0.0001, random);
+  const Pose<frame::Fixture, frame::Part> T_fixture_part(Eigen::Quaterniond::Identity(), is_ring ? Vec3(0, 0, lift) : Vec3(-75, -45, lift));
+  const Vec3 play(5, 5, 2);
+  const double play_tilt = rad_from_deg(1.0), play_turn = rad_from_deg(3.5);
+  double tilt = sc.tilt_rad >= 0 ? sc.tilt_rad : random.uniform(0, play_tilt);
+  const double tilt_azimuth = random.uniform(0, 2 * kPi);
+  const double turn = sc.turn_rad >= 0 && is_ring ? sc.turn_rad : is_ring ? random.uniform(0, 2 * kPi) : random.uniform(-play_turn, play_turn);
+  const Vec3 shift(random.uniform(-play.x(), play.x()), random.uniform(-play.y(), play.y()), random.uniform(0, play.z()));
+  Pose<frame::Part, frame::Part> displaced;
+  {
+    const Eigen::Quaterniond lean = quat_exp(tilt * Vec3(std::cos(tilt_azimuth), std::sin(tilt_azimuth), 0));
+    const Vec3 pivot = is_ring ? Vec3(0, 0, 0) : Vec3(75, 45, 0);
+    displaced.q = (lean * Eigen::Quaterniond(Eigen::AngleAxisd(turn, Vec3::UnitZ()))).normalized();
+    displaced.p_mm = pivot - displaced.q * pivot + shift;
+  }
+  const Pose<frame::Base, frame::Part> T_base_part = T_base_fixture_true * T_fixture_part * displaced;
+  Mesh fixture_mesh = is_ring ? cylinder_mesh(100, 0, lift - 2.5, 32) : box_mesh(Vec3(-55, -35, 0), Vec3(55, 35, lift - 2.5));
+  if (sc.trap == "clamp" && !edges.empty()) {
+    // a strap over the first worked edge, drawn in the fixture's mesh and really there
+    const TrueEdge& e = edges.front();
+    const Vec3 at = (T_base_fixture_true.inverse() * T_base_part).point(e.p[e.p.size() / 2]);
+    append(fixture_mesh, box_mesh(at + Vec3(-11, -11, 3), at + Vec3(11, 11, 18)));
+  }
+
+  // ---- the scene the sensors see, in base
+  Mesh scene = transformed(T_base_part, mesh_of(real, 2.0));
+  for (std::size_t i = 0; i < edges.size(); ++i) append(scene, transformed(T_base_part, burr_mesh(edges[i], burrs[i])));
+  append(scene, transformed(T_base_fixture_true, fixture_mesh));
+  append(scene, cell.obstacles[0].mesh_base);
+  const MeshQuery seen(scene);
+
+  // ---- captures
+  std::vector<Shot> shots;
+  const Pose<frame::Base, frame::Part> T_expected = T_base_part;  // the inspection plan looked where the part was roughly found
+  add_wide_shots(shots, T_expected.point(is_ring ? Vec3(0, 0, 20) : Vec3(75, 45, 20)), cell.sensors[0], sc.trap == "flat_views", robot, random);
+  if (sc.trap != "flat_views")
+    for (const std::string& f : nominal.features) {
+      if (sc.trap == "edge_unscanned" && f == nominal.features.back()) continue;
+      add_detail_shots(shots, f, nominal_edges, T_expected, cell.tools[0]);
+    }
+  std::string scans = fmt::format("asbuilt: scans/1\nitem: {}\ntaken: '2026-11-22'\ncaptures:\n", item);
+  Random scatter = Random::stream(sc.seed, "scatter"), sensor_random = Random::stream(sc.seed, "sensor");
+  JointVector q_near = cell.robot.home_rad;
+  int n_of[2] = {0, 0};
+  Json captures_truth = Json::array();
+  for (const Shot& shot : shots) {
+    const auto q = robot.inverse_near(shot.T_base_flange, q_near);
+    if (!q) continue;
+    q_near = *q;
+    JointVector q_written{};
+    for (int i = 0; i < 6; ++i) q_written[i] = rad_from_deg(rounded(deg_from_rad((*q)[i]), 6));
+    const BaseFlange T_true = arm.actual(q_written, scatter);
+    SensorModel model;
+    if (shot.sensor == 0) {
+      model.pitch_mm = 2.2, model.noise_mm = 0.18, model.correlation_px = 1.0, model.bias_mm = 0.05, model.baseline_mm = 140;
+    } else {
+      model.pitch_mm = 0.42, model.noise_mm = 0.006, model.correlation_px = 0.8, model.bias_mm = 0.003, model.baseline_mm = 90;
+    }
+    std::vector<Eigen::Vector3f> points = scan(seen, cell.sensors[shot.sensor], model, T_true * mount_true[shot.sensor], sensor_random);
+    if (sc.trap == "edge_unscanned" && shot.sensor == 0) {  // nobody saw that boss
+      Vec3 middle = Vec3::Zero();
+      int n = 0;
+      for (const TrueEdge& e : edges)
+        if (e.feature == nominal.features.back())
+          for (const Vec3& p : e.p) middle += p, ++n;
+      middle = T_base_part.point(middle / n);
+      const auto T = T_true * mount_true[0];
+      std::erase_if(points, [&](const Eigen::Vector3f& p) { return (T.point(p.cast<double>()) - middle).norm() < 55; });
+    }
+    if (sc.trap == "nan_cloud")
+      for (Eigen::Vector3f& p : points) p.setConstant(std::nanf(""));
+    if (sc.trap == "nan_points")
+      for (std::size_t i = 0; i < points.size(); i += 97) points[i].y() = std::nanf("");
+    const std::string name = fmt::format("{}_{:02}.ply", cell.sensors[shot.sensor].id, n_of[shot.sensor]++);
+    write_cloud(batch / item / name, points);
+    const BaseFlange T_commanded = robot.forward(q_written);
+    const std::string pose = sc.seed % 3 == 0   ? joints_text(q_written)
+                             : sc.seed % 3 == 1 ? pose_text(T_commanded)
+                                                : pose_text_zyx(T_commanded.q, T_commanded.p_mm);
+    scans += fmt::format("- sensor: {}\n  cloud: {}\n  base_flange: {}\n", cell.sensors[shot.sensor].id, name, pose);
+    if (!shot.feature.empty()) scans += fmt::format("  feature: {}\n", shot.feature);
+    captures_truth.push_back({{"cloud", name}, {"points", points.size()}});
+  }
+  write_text(batch / item / "scans.yaml", scans);
+  if (sc.trap == "truncated_ply") {
+    const auto file = batch / item / "wide_00.ply";
+    std::filesystem::resize_file(file, std::filesystem::file_size(file) * 2 / 3);
+  }
+
+  // ---- the other files
+  write_cell_meshes(batch, cell);
+  write_stl(batch / "meshes/fixture.stl", fixture_mesh);
+  write_text(batch / "cell.yaml", cell_text(cell));
+  std::string calibration = fmt::format("asbuilt: calibration/1\ncell: cell.yaml\ncreated: '{}'\nvalid_days: 30\nsensors:\n",
+                                        sc.trap == "expired" ? "2026-09-01" : "2026-11-14");
+  for (std::size_t i = 0; i < cell.sensors.size(); ++i)
+    calibration += fmt::format("  {}:\n    flange_sensor: {}\n    covariance: {}\n    rms: {}\n    captures: 24\n", cell.sensors[i].id, pose_text(mount_given[i]),
+                               covariance_text(i == 0 ? sd_wide : sd_detail, i == 0 ? sd_wide_rad : sd_detail_rad), i == 0 ? 0.08 : 0.017);
+  calibration += fmt::format("tools:\n  {}:\n    flange_tool: {}\n    covariance: {}\nrobot: {{}}\n", cell.tools[0].id, pose_text(tool_given),
+                             covariance_text(sd_tool, sd_tool_rad));
+  write_text(batch / "calibration.yaml", calibration);
+  write_text(batch / "fixture.yaml",
+             fmt::format("asbuilt: fixture/1\nbase_fixture: {}\nmesh: meshes/fixture.stl\nfixture_part: {}\nplay: {{xyz: [{}, {}, {}], rpy: [{}, {}, {}]}}\n",
+                         pose_text(T_base_fixture), pose_text(T_fixture_part), play.x(), play.y(), play.z(),
+                         shortest_number(std::max(1.0, std::ceil(deg_from_rad(tilt) * 1.2))), shortest_number(std::max(1.0, std::ceil(deg_from_rad(tilt) * 1.2))),
+                         is_ring ? std::string("free") : shortest_number(rounded(deg_from_rad(play_turn), 3))));
+  std::string step = step_text(nominal, sc.part);
+  if (sc.trap == "step_cut") step.resize(step.size() / 2);
+  write_text(batch / (sc.part + ".step"), step);
+  std::string part = fmt::format("asbuilt: part/1\nid: {0}\ncad: {0}.step\nmaterial: '1.4545'\n", sc.part);
+  if (sc.trap == "missing_unit") {
+    write_stl(batch / (sc.part + ".stl"), mesh_of(nominal, 1.0));
+    part = fmt::format("asbuilt: part/1\nid: {0}\ncad: {0}.stl\nmaterial: '1.4545'\n", sc.part);
+  }
+  if (sc.trap == "unknown_key") part += "colour: blue\n";
+  if (is_ring) part += "symmetry:\n  axis: {point: [0, 0, 0], direction: [0, 0, 1]}\n  order: continuous\n";
+  part += "features:\n";
+  for (const std::string& f : nominal.features) {
+    std::string near;
+    for (const TrueEdge& e : nominal_edges)
+      if (e.feature == f) {
+        const Vec3 m = e.p[e.p.size() / 2];
+        near += fmt::format("{}[{}, {}, {}]", near.empty() ? "" : ", ", shortest_number(rounded(m.x(), 3)), shortest_number(rounded(m.y(), 3)), shortest_number(rounded(m.z(), 3)));
+      }
+    part += fmt::format("- id: {}\n  recipe: {}\n  edges: {{near: [{}]}}\n", f, "deburr-0.4", near);
+  }
+  write_text(batch / "part.yaml", part);
+  write_text(batch / "deburr-0.4.yaml",
+             fmt::format("asbuilt: recipe/1\nid: deburr-0.4\nprocess: deburr\ntool: {}\nspindle_rpm: 12000\nedge_break: {{width: 0.4, tolerance: 0.1}}\n"
+                         "feed: {{min: 3, max: 40}}\nremoval: {{max_mm3_s: 3, chip_load_mm: 0.06}}\nburr: {{max_height: 1.5, max_passes: 3}}\n"
+                         "orientation: {{mode: fixed, axis: [0, 0, {}], cone: 30}}\napproach: 25\nlead: 2\npath_tolerance: 0.01\n",
+                         cell.tools[0].id, sc.trap == "unreachable" ? 1 : -1));
+  write_text(batch / "batch.yaml",
+             fmt::format("asbuilt: batch/1\nid: virtual-{}-{}\ncell: cell.yaml\ncalibration: calibration.yaml\nrecipes: [deburr-0.4.yaml]\nitems:\n"
+                         "- {{id: {}, part: part.yaml, fixture: fixture.yaml, scans: {}/scans.yaml}}\n",
+                         sc.part, sc.seed, item, item));
+
+  // ---- the truth, for the comparison alone
+  const Vec3 up = Vec3::UnitZ();
+  Json t = Json::object();
+  t["item"] = item, t["part"] = sc.part, t["seed"] = sc.seed, t["trap"] = sc.trap;
+  t["expect"] = sc.trap.empty() || sc.trap == "nan_points" ? "emit" : "refuse";
+  t["base_part"] = to_json(T_base_part);
+  t["turn_deg"] = deg_from_rad(turn);
+  t["width_mm"] = 0.4, t["tolerance_mm"] = 0.1;
+  t["captures"] = captures_truth;
+  t["edges"] = Json::array();
+  JointVector q_tool = cell.robot.home_rad;
+  for (std::size_t i = 0; i < edges.size(); ++i) {
+    const TrueEdge& e = edges[i];
+    // the command that brings the real tip to the real edge, in the posture the edge is worked in
+    Vec3 out_base = T_base_part.direction(e.n_2[e.p.size() / 2]);
+    if (i % 4 >= 2) out_base = -out_base;
+    const Eigen::Quaterniond q_work = quat_from_z(-up, out_base);
+    Json touch = Json::array(), p = Json::array(), n1 = Json::array(), n2 = Json::array();
+    for (std::size_t k = 0; k < e.p.size(); k += 2) {
+      const Vec3 want = T_base_part.point(e.p[k]);
+      BaseTool command(q_work, want);
+      for (int round = 0; round < 3; ++round) {
+        const auto q = robot.inverse_near(command * tool_given.inverse(), q_tool);
+        must(q.has_value(), "a virtual edge is out of reach");
+        q_tool = *q;
+        command.p_mm += want - (arm.actual(*q) * tool_true).p_mm;
+      }
+      touch.push_back(to_json(command.p_mm));
+      p.push_back(to_json(want)), n1.push_back(to_json(T_base_part.direction(e.n_1[k]))), n2.push_back(to_json(T_base_part.direction(e.n_2[k])));
+    }
+    Json h = Json::array(), s = Json::array();
+    for (std::size_t k = 0; k < e.p.size(); k += 2) h.push_back(burrs[i].height_mm[k]), s.push_back(e.s_mm[k]);
+    t["edges"].push_back({{"id", e.id}, {"feature", e.feature}, {"s", s}, {"p", p}, {"touch", touch}, {"n_1", n1}, {"n_2", n2}, {"burr_height", h}});
+  }
+  write_text(truth / "truth.json", t.dump() + "\n");
+  return Done<std::filesystem::path>{batch / "batch.yaml", {}};
+}
+
 }  // namespace asbuilt

@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "planner/simulate/true_robot.hpp"
+
+#include <vector>
+
+#include "planner/base/result.hpp"
+
+namespace asbuilt::simulate_detail {
+
+TrueRobot::TrueRobot(const RobotSpec& spec, const Pose<frame::Flange, frame::Tool>& T_flange_tool, std::uint64_t seed, double absolute_mm,
+                     double slow_mm, double quick_mm) {
+  must(std::holds_alternative<OpwParameters>(spec.kinematics), "the virtual robot is given by OPW constants");
+  opw_ = std::get<OpwParameters>(spec.kinematics);
+  const double x4 = opw_.a1_mm + opw_.a2_mm, z3 = opw_.c1_mm + opw_.c2_mm, z5 = z3 + opw_.c3_mm;
+  const Vec3 Z = Vec3::UnitZ(), Y = Vec3::UnitY();
+  const std::array<Vec3, 6> w{Z, Y, Y, Z, Y, Z};
+  const std::array<Vec3, 6> p{Vec3(0, 0, 0), Vec3(opw_.a1_mm, 0, opw_.c1_mm), Vec3(opw_.a1_mm, 0, z3), Vec3(x4, opw_.b_mm, z3),
+                              Vec3(x4, opw_.b_mm, z5), Vec3(x4, opw_.b_mm, z5)};
+  at_zero_ = {Eigen::Quaterniond::Identity(), Vec3(x4, opw_.b_mm, z5 + opw_.c4_mm)};
+
+  Random r = Random::stream(seed, "true robot");
+  const double shift[6] = {0.15, 0.20, 0.15, 0.12, 0.07, 0.05}, tilt_deg[6] = {0.004, 0.004, 0.003, 0.002, 0.0015, 0.001};
+  const double zero_deg[6] = {0.006, 0.008, 0.009, 0.004, 0.003, 0.004}, wave_deg[6] = {0.003, 0.003, 0.003, 0.0015, 0.001, 0.001};
+  for (int i = 0; i < 6; ++i) {
+    const auto v = [&](double s) { return Vec3(r.normal(0, s), r.normal(0, s), r.normal(0, s)); };
+    Axis& a = axes_[i];
+    a.w = w[i], a.p = p[i];
+    a.dp = v(shift[i]), a.dw = v(rad_from_deg(tilt_deg[i]));
+    a.zero_rad = r.normal(0, rad_from_deg(zero_deg[i]));
+    a.wave1_rad = r.normal(0, rad_from_deg(wave_deg[i])), a.wave2_rad = r.normal(0, rad_from_deg(wave_deg[i]));
+    a.phase1_rad = r.uniform(0, 2 * kPi), a.phase2_rad = r.uniform(0, 2 * kPi);
+  }
+  sag_rad_ = {std::abs(r.normal(0, rad_from_deg(0.004))), std::abs(r.normal(0, rad_from_deg(0.003)))};
+
+  // postures over the working volume, tool roughly down
+  std::vector<Joints> postures;
+  const double lo[6] = {-40, -35, -30, -50, -110, -150}, hi[6] = {40, 35, 40, 50, -40, 150};
+  for (int k = 0; k < 200; ++k) {
+    Joints q;
+    for (int i = 0; i < 6; ++i) {
+      // angles of the model are drawn and turned into joints: theta = sign * q - offset
+      const double theta_deg = (i == 1 ? 15 : i == 2 ? 85 : 0) + r.uniform(lo[i], hi[i]);
+      q[i] = (rad_from_deg(theta_deg) + opw_.offsets_rad[i]) * opw_.signs[i];
+    }
+    postures.push_back(q);
+  }
+  Eigen::Matrix3Xd want(3, postures.size()), got(3, postures.size());
+  for (int round = 0; round < 5; ++round) {
+    base_ = {};
+    for (std::size_t k = 0; k < postures.size(); ++k) {
+      want.col(k) = (chain(postures[k], false, nullptr) * T_flange_tool).p_mm;
+      got.col(k) = (chain(postures[k], true, nullptr) * T_flange_tool).p_mm;
+    }
+    base_ = Pose<frame::Base, frame::Base>(Eigen::Isometry3d(Eigen::umeyama(got, want, false)));
+    double mean = 0;
+    for (std::size_t k = 0; k < postures.size(); ++k) mean += (base_.point(got.col(k)) - want.col(k)).norm() / postures.size();
+    if (round < 4) scale_ *= absolute_mm / mean;
+  }
+  // scatter in joint space, scaled at the tool point
+  std::array<double, 6> share{1, 1, 1.2, 2, 2, 3};
+  double rms = 0;
+  for (std::size_t k = 0; k < 40; ++k)
+    for (int i = 0; i < 6; ++i) {
+      Joints q = postures[k];
+      const Vec3 a = (chain(q, false, nullptr) * T_flange_tool).p_mm;
+      q[i] += 1e-5 * share[i];
+      rms += ((chain(q, false, nullptr) * T_flange_tool).p_mm - a).squaredNorm() / 40;
+    }
+  const double unit = 1e-5 / std::sqrt(rms);
+  for (int i = 0; i < 6; ++i) {
+    slow_rad_[i] = r.normal() * share[i] * unit * slow_mm;
+    quick_rad_[i] = share[i] * unit * quick_mm;
+  }
+}
+
+Pose<frame::Base, frame::Flange> TrueRobot::chain(const Joints& q_rad, bool real, const Joints* extra) const {
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+  double theta[6];
+  for (int i = 0; i < 6; ++i) theta[i] = opw_.signs[i] * q_rad[i] - opw_.offsets_rad[i];
+  const double lean2 = std::sin(theta[1]), lean3 = std::sin(theta[1] + theta[2]);
+  for (int i = 0; i < 6; ++i) {
+    const Axis& a = axes_[i];
+    double th = theta[i];
+    Vec3 w = a.w, p = a.p;
+    if (real) {
+      th += scale_ * (a.zero_rad + a.wave1_rad * std::sin(theta[i] + a.phase1_rad) + a.wave2_rad * std::sin(2 * theta[i] + a.phase2_rad));
+      if (i == 1) th += scale_ * sag_rad_[0] * (0.45 * lean2 + 0.55 * lean3);
+      if (i == 2) th += scale_ * sag_rad_[1] * lean3;
+      if (extra) th += (*extra)[i];
+      w = (w + scale_ * a.dw).normalized();
+      p += scale_ * a.dp;
+    }
+    const Mat3 R = Eigen::AngleAxisd(th, w).toRotationMatrix();
+    Eigen::Isometry3d E = Eigen::Isometry3d::Identity();
+    E.linear() = R;
+    E.translation() = p - R * p;
+    T = T * E;
+  }
+  const Pose<frame::Base, frame::Flange> out(T * at_zero_.matrix());
+  return real ? base_ * out : out;
+}
+
+Pose<frame::Base, frame::Flange> TrueRobot::nominal(const Joints& q_rad) const { return chain(q_rad, false, nullptr); }
+
+Pose<frame::Base, frame::Flange> TrueRobot::actual(const Joints& q_rad) const { return chain(q_rad, true, &slow_rad_); }
+
+Pose<frame::Base, frame::Flange> TrueRobot::actual(const Joints& q_rad, Random& scatter) const {
+  Joints e = slow_rad_;
+  for (int i = 0; i < 6; ++i) e[i] += quick_rad_[i] * scatter.normal();
+  return chain(q_rad, true, &e);
+}
+
+}  // namespace asbuilt::simulate_detail
