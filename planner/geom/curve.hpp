@@ -2,6 +2,8 @@
 // Exact curves as CAD files give them, in one frame, mm and rad.
 #pragma once
 
+#include <optional>
+#include <string_view>
 #include <variant>
 #include <vector>
 
@@ -87,5 +89,29 @@ struct CurvePoint {
   Vec3 p = Vec3::Zero(), d1 = Vec3::Zero(), d2 = Vec3::Zero();  // position and derivatives by the parameter
 };
 CurvePoint evaluate(const Curve& c, double t);
+
+/// "line", "circle", "ellipse", "hyperbola", "parabola", "bspline", "polyline".
+std::string_view curve_type(const Curve& c);
+
+/// Where the parameter lives. Closed curves may be evaluated past t1: the parameter wraps.
+struct CurveDomain {
+  double t0 = -1e300, t1 = 1e300;
+  bool is_bounded = false;
+  bool is_closed = false;  // the ends meet (found by evaluation, never by a flag); circle and ellipse: 2 pi
+  double period() const { return t1 - t0; }
+};
+CurveDomain domain(const Curve& c);
+
+/// The point of the curve nearest to p. With a seed the nearest point around it, else the nearest of all.
+struct CurveFoot {
+  double t = 0;
+  Vec3 p = Vec3::Zero();
+  double distance_mm = 0;
+};
+CurveFoot project(const Curve& c, const Vec3& p_mm, const std::optional<double>& seed_t = std::nullopt);
+
+/// The curve mapped by p -> linear p + shift; linear is a rotation, possibly mirrored, times one scale.
+Curve transformed(const Eigen::Affine3d& T, const Curve& c);
+Placement transformed_axes(const Eigen::Affine3d& T, const Placement& at);  // keeps x and y, z = x cross y
 
 }  // namespace asbuilt

@@ -117,6 +117,25 @@ struct SurfacePoint {
 };
 SurfacePoint evaluate(const Surface& s, double u, double v);
 
+/// Position with first and second derivatives; the second ones of an offset surface are those of its basis.
+struct SurfaceJet {
+  Vec3 p = Vec3::Zero(), du = Vec3::Zero(), dv = Vec3::Zero(), duu = Vec3::Zero(), duv = Vec3::Zero(), dvv = Vec3::Zero();
+};
+SurfaceJet evaluate_jet(const Surface& s, double u, double v);
+
+/// Where the parameters live, found by evaluation. A pole is a border that is one point in space.
+struct SurfaceDomain {
+  double u0 = -1e300, u1 = 1e300, v0 = -1e300, v1 = 1e300;
+  bool is_bounded_u = false, is_bounded_v = false;  // false: unbounded or periodic without a border
+  bool is_periodic_u = false, is_periodic_v = false;
+  bool is_pole_u0 = false, is_pole_u1 = false, is_pole_v0 = false, is_pole_v1 = false;
+};
+SurfaceDomain domain(const Surface& s);
+
+/// The surface mapped by p -> linear p + shift; linear is a rotation, possibly mirrored, times one scale.
+/// `is_reversed`: the natural normal of the result is opposite to the mapped natural normal.
+Surface transformed(const Eigen::Affine3d& T, const Surface& s, bool& is_reversed);
+
 /// The point of the (untrimmed) surface nearest to p.
 struct SurfaceFoot {
   double u = 0, v = 0;
