@@ -1,8 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "planner/report/report.hpp"
 
+#include "planner/report/json_text.hpp"
+#include "planner/report/result_json.hpp"
+
 namespace asbuilt {
-ItemReport make_report(const ItemRecord&) { return {}; }
-std::string batch_json(const std::string&, const std::vector<BatchLine>&) { return {}; }
-std::string index_html(const std::string&, const std::vector<BatchLine>&) { return {}; }
+
+ItemReport make_report(const ItemRecord& record) { return {readable_json(result_document(record)), "<!doctype html>\n"}; }
+std::string index_html(const std::string&, const std::vector<BatchLine>&) { return "<!doctype html>\n"; }
+
 }  // namespace asbuilt

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// What was run when, of what: a small SQLite file beside the store, written by the batch alone. `why` reads it.
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "planner/pipeline/pipeline.hpp"
+
+namespace asbuilt {
+
+/// Why a stage of the latest run of an item ran again, or did not.
+struct WhyLine {
+  std::string stage, what;            // "from store", "done", "refused", "failed"
+  std::vector<std::string> changed;   // "code", "recipe", "input: cloud"; "first run" where there is nothing to compare with
+  double time_s = 0;
+};
+struct Why {
+  std::vector<WhyLine> stages;
+  std::vector<std::string> files;  // "part.yaml: changed", "scans.yaml: new"
+};
+
+class History {
+ public:
+  /// A file that cannot be opened is no reason to stop a batch: nothing is recorded then.
+  explicit History(const std::filesystem::path& file);
+  void add(const BatchLine& line, const std::vector<StageEvent>& stages);
+  /// None where the item was never run.
+  std::optional<Why> why(const std::string& item_id) const;
+
+ private:
+  std::shared_ptr<void> database_;
+};
+
+}  // namespace asbuilt

@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// One item, all stages, one straight line. Each stage is handed the artefacts before it and nothing else.
+#include <fmt/format.h>
+
+#include "planner/burr/burr.hpp"
+#include "planner/fit/fit.hpp"
+#include "planner/fuse/fuse.hpp"
+#include "planner/locate/locate.hpp"
+#include "planner/pipeline/stage_run.hpp"
+#include "planner/plan/motion/motion.hpp"
+#include "planner/plan/path/path.hpp"
+#include "planner/plan/program/program.hpp"
+#include "planner/verify/verify.hpp"
+#include "postprocessors/post.hpp"
+
+namespace asbuilt {
+
+namespace {
+
+/// The job as the measuring and planning stages see it: without what must not make them run again.
+/// The file hashes change with a comment in a file; the controller concerns the posts alone.
+Job job_to_plan(const Job& job) {
+  Job j = job;
+  j.inputs.clear();
+  j.cell.controller = {};
+  return j;
+}
+
+/// A program as it was written, and as it was read back from what was written.
+struct Posted {
+  ProgramText text;
+  Program read_back;
+  std::vector<Check> checks;  // lint, and planned against read back
+  template <class S, class A>
+  static void visit(S& s, A&& a) {
+    a("text", s.text), a("read_back", s.read_back), a("checks", s.checks);
+  }
+};
+
+Result<Done<Posted>> write_and_read_back(const Post& post, const Program& program, const PostContext& context) {
+  Posted posted;
+  auto text = post.write(program, context);
+  if (!text) return refuse_all(text.error());
+  posted.text = std::move(*text);
+  posted.checks = post.lint(posted.text, context);
+  auto read_back = post.read(posted.text, context);
+  if (!read_back) {
+    Refusals why = read_back.error();
+    for (Refusal& r : why) r.stage = "verify";
+    return refuse_all(std::move(why));
+  }
+  posted.read_back = std::move(*read_back);
+  const Verdict same = compare_programs(program, posted.read_back, post.position_step_mm, post.angle_step_rad, post.speed_step_mm_s);
+  must(!same.checks.empty(), "the comparison of planned and read-back program made no check");
+  posted.checks.insert(posted.checks.end(), same.checks.begin(), same.checks.end());
+  return Done<Posted>{std::move(posted), {}};
+}
+
+Refusals refusals_of(const Verdict& verdict, const std::string& what) {
+  Refusals reasons;
+  for (const Check& c : verdict.checks)
+    if (!c.is_passed)
+      reasons.push_back({.code = "verify." + c.name,
+                         .where = c.where,
+                         .message = fmt::format("{}: check {} failed: {:.6g} {} where {:.6g} {} is allowed; nothing was emitted", what, c.name,
+                                                c.measured, c.unit, c.limit, c.unit),
+                         .measured = c.measured,
+                         .limit = c.limit,
+                         .unit = c.unit,
+                         .stage = "verify"});
+  if (verdict.checks.empty())
+    reasons.push_back({.code = "verify.no_checks", .where = what, .message = what + ": not one check was made; nothing was emitted", .stage = "verify"});
+  return reasons;
+}
+
+}  // namespace
+
+ItemRecord run_item(const Batch& batch, const std::string& item_id, const ItemOptions& options, const Watch& watch) {
+  ItemRun run(batch.id, item_id, options, watch);
+  ItemRecord& r = run.record;
+  const auto is_last = [&](const char* name) { return options.last_stage == name; };
+  std::string job, cloud, location, features, burrs, path, motion, program;  // content hashes
+
+  std::string files;
+  if (!run.step("input", "input", [&] { files = job_inputs_hash(batch, item_id, options.inputs); })) return std::move(r);
+  const std::string inputs_recipe = fmt::format("{} {} {}", options.inputs.allow_outside, options.inputs.today, batch.id);
+  if (!run.stage<Job>("input", "input", r.job, {inputs_recipe, {{"files", files}}}, [&] { return load_job(batch, item_id, options.inputs); }))
+    return std::move(r);
+  const Job planned = job_to_plan(*r.job);
+  if (!run.step("input", "input", [&] { job = content_hash(planned); })) return std::move(r);
+
+  const FuseRecipe fuse_recipe;
+  if (!run.stage<MeasuredCloud>("fuse", "fuse", r.cloud, {to_bytes(fuse_recipe), {{"job", job}}},
+                                [&] { return fuse(fuse_recipe, planned); }, &cloud) || is_last("fuse"))
+    return std::move(r);
+
+  const LocateRecipe locate_recipe;
+  if (!run.stage<Location>("locate", "locate", r.location, {to_bytes(locate_recipe), {{"job", job}, {"cloud", cloud}}},
+                           [&] { return locate(locate_recipe, planned, *r.cloud); }, &location) || is_last("locate"))
+    return std::move(r);
+
+  const FitRecipe fit_recipe;
+  if (!run.stage<Features>("fit", "fit", r.features, {to_bytes(fit_recipe), {{"job", job}, {"cloud", cloud}, {"location", location}}},
+                           [&] { return fit(fit_recipe, planned, *r.cloud, *r.location); }, &features) || is_last("fit"))
+    return std::move(r);
+
+  const BurrRecipe burr_recipe;
+  if (!run.stage<Burrs>("burr", "burr", r.burrs,
+                        {to_bytes(burr_recipe), {{"job", job}, {"cloud", cloud}, {"location", location}, {"features", features}}},
+                        [&] { return measure_burrs(burr_recipe, planned, *r.cloud, *r.location, *r.features); }, &burrs) || is_last("burr"))
+    return std::move(r);
+
+  const PathRecipe path_recipe;
+  if (!run.stage<ToolPath>("path", "path", r.tool_path,
+                           {to_bytes(path_recipe), {{"job", job}, {"location", location}, {"features", features}, {"burrs", burrs}}},
+                           [&] { return plan_path(path_recipe, planned, *r.location, *r.features, *r.burrs); }, &path) || is_last("path"))
+    return std::move(r);
+
+  const MotionRecipe motion_recipe;
+  if (!run.stage<Motion>("motion", "motion", r.motion,
+                         {to_bytes(motion_recipe), {{"job", job}, {"location", location}, {"features", features}, {"burrs", burrs}, {"path", path}}},
+                         [&] { return plan_motion(motion_recipe, planned, *r.location, *r.features, *r.burrs, *r.tool_path); }, &motion) ||
+      is_last("motion"))
+    return std::move(r);
+
+  const ProgramRecipe program_recipe;
+  Job stamped = planned;  // the header names the inputs' hashes
+  stamped.inputs = r.job->inputs;
+  const std::string stamps = content_hash(stamped.inputs);
+  if (!run.stage<Program>("program", "motion", r.program,
+                          {to_bytes(program_recipe), {{"job", job}, {"inputs", stamps}, {"location", location}, {"path", path}, {"motion", motion}}},
+                          [&] { return plan_program(program_recipe, stamped, *r.location, *r.tool_path, *r.motion); }, &program))
+    return std::move(r);
+
+  const auto verified = [&](const Program& p, const std::string& hash, std::optional<Verdict>& verdict) {
+    return run.stage<Verdict>(
+        "verify", "verify", verdict,
+        {"", {{"job", job}, {"location", location}, {"features", features}, {"burrs", burrs}, {"path", path}, {"program", hash}}},
+        [&] { return Done<Verdict>{verify_item(planned, *r.location, *r.features, *r.burrs, *r.tool_path, p), {}}; });
+  };
+  if (!verified(*r.program, program, r.motion_verdict)) return std::move(r);
+  if (!r.motion_verdict->is_ok()) {
+    run.refuse_item("verify", refusals_of(*r.motion_verdict, "planned program"));
+    return std::move(r);
+  }
+
+  PostContext context{r.job->cell, r.job->taken.empty() ? options.inputs.today : r.job->taken};
+  const std::string cell = content_hash(context.cell);
+  std::vector<Language> languages = options.languages;
+  if (languages.empty()) languages = {r.job->cell.controller.language};
+  std::vector<ReleasedProgram> programs;
+  for (const Language language : languages) {
+    const std::string name(name_of(language));
+    const Post* post = find_post(language);
+    if (!post) {
+      run.refuse_item("post", {{.code = "post.unknown_language", .where = name, .message = "there is no post for " + name + "; nothing was emitted"}});
+      continue;
+    }
+    std::optional<Posted> posted;
+    if (!run.stage<Posted>("post", "post", posted, {name + ' ' + context.date, {{"program", program}, {"cell", cell}}},
+                           [&] { return write_and_read_back(*post, *r.program, context); }))
+      continue;
+    std::optional<Verdict> verdict;
+    if (!verified(posted->read_back, content_hash(posted->read_back), verdict)) continue;
+    const bool was_checked = !verdict->checks.empty();
+    verdict->checks.insert(verdict->checks.begin(), posted->checks.begin(), posted->checks.end());
+    if (!was_checked || !verdict->is_ok())
+      run.refuse_item("verify", was_checked ? refusals_of(*verdict, name + " program") : refusals_of({}, name + " program"));
+    programs.push_back({std::move(posted->text), std::move(*verdict)});
+  }
+  r.programs = std::move(programs);
+  if (!r.reasons.empty()) return std::move(r);  // all languages asked for, or none
+
+  r.status = ItemStatus::emitted;
+  return std::move(r);
+}
+
+}  // namespace asbuilt
