@@ -17,8 +17,12 @@ class RobotErrorModel {
   /// the cell's `accuracy.absolute.mean`; the scatter between motions of one batch is `accuracy.short_term`.
   RobotErrorModel(const Robot& robot, const Pose<frame::Flange, frame::Tool>& T_flange_tool);
 
-  /// Number of parameters; each is standard normal a priori.
+  /// Number of parameters; each is standard normal a priori. Per joint: shift of its axis (3), tilt (2), zero, gear wave
+  /// (sin q, cos q, sin 2q, cos 2q); then sag under gravity of joints 2 and 3. The rigid motion of the whole base that a tracker
+  /// would find and take away is taken away here too.
   int size() const;
+  /// How far the typical magnitudes were stretched to meet the cell's accuracy.
+  double scale_ratio() const;
   /// 6 x size: twist of the flange in its own frame (translation mm, then rotation rad) per unit of each parameter:
   /// T_base_flange_true = T_base_flange_commanded.disturbed(twist(q) * eta + scatter).
   Eigen::MatrixXd twist(const JointVector& q_rad) const;
