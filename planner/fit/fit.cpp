@@ -1,8 +1,163 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "planner/fit/fit.hpp"
 
+#include <algorithm>
+#include <cmath>
+
+#include "planner/base/number.hpp"
+#include "planner/fit/checks.hpp"
+
 namespace asbuilt {
-Result<Done<Features>> fit(const FitRecipe&, const Job&, const MeasuredCloud&, const Location&) {
-  return refuse({.code = "fit.not_built", .stage = "fit"});
+
+namespace fitting {
+namespace {
+
+/// Which captures an edge needs: the finest sensors alone where they saw both its sides, else all.
+std::vector<char> choose_captures(const Setup& setup, const std::vector<Cell>& fine_cells) {
+  std::vector<std::pair<int, int>> seen(setup.edges.size(), {0, 0});
+  for (const Cell& c : fine_cells) (c.slot == setup.edges[c.edge].slot_1 ? seen[c.edge].first : seen[c.edge].second)++;
+  const bool is_enough = std::all_of(seen.begin(), seen.end(), [](const auto& s) { return s.first >= 4 && s.second >= 4; });
+  return is_enough ? setup.is_fine : std::vector<char>(setup.captures.size(), 1);
 }
+
+std::vector<Pose<frame::Base, frame::Base>> corrections_of(const Setup& setup) {
+  std::vector<Pose<frame::Base, frame::Base>> out;
+  for (const CaptureModel& c : setup.captures) out.push_back(c.correction);
+  return out;
+}
+
+/// Shift of the ends of an open edge: to the corner with a third face, where that is one of the fitted faces or the drawing's.
+EndShift find_ends(const EdgeModel& edge, const std::vector<FaceModel>& faces, const Brep& brep, double reach_mm) {
+  EndShift out;
+  if (edge.is_closed) return out;
+  for (const bool is_start : {true, false}) {
+    const Vec3 vertex = is_start ? edge.nominal.front() : edge.nominal.back();
+    const Vec3 tangent = is_start ? edge.tangent.front() : edge.tangent.back();
+    double best = reach_mm;
+    bool found = false;
+    for (std::size_t i = 0; i < brep.edges.size(); ++i) {
+      const BrepEdge& other = brep.edges[i];
+      if (static_cast<int>(i) == edge.edge || other.p.size() < 2 || other.is_seam) continue;
+      if (std::min((other.p.front() - vertex).norm(), (other.p.back() - vertex).norm()) > 0.05) continue;
+      for (const int f : {other.face_1, other.face_2}) {
+        if (f < 0 || f == faces[edge.slot_1].face || f == faces[edge.slot_2].face) continue;
+        FaceModel third;
+        const auto fitted = std::find_if(faces.begin(), faces.end(), [&](const FaceModel& m) { return m.face == f; });
+        if (fitted != faces.end())
+          third = *fitted;
+        else
+          third.nominal = third.surface = brep.faces[f].surface;
+        const auto corner = corner_at(faces[edge.slot_1], faces[edge.slot_2], third, vertex);
+        if (!corner) continue;
+        const double shift = tangent.dot(*corner - vertex);
+        if (!found || std::abs(shift) < std::abs(best)) best = shift, found = true;
+      }
+    }
+    if (found && std::abs(best) < reach_mm) (is_start ? out.start_mm : out.end_mm) = best;
+  }
+  return out;
+}
+
+std::vector<Traced> trace_all(Setup& setup, const Job& job, const FitRecipe& recipe, bool with_ends) {
+  std::vector<Traced> out;
+  for (const EdgeModel& e : setup.edges)
+    out.push_back(trace_edge(e, setup.faces, with_ends ? find_ends(e, setup.faces, job.part.brep, recipe.deviation_max_mm) : EndShift{},
+                             recipe.station_mm));
+  return out;
+}
+
+void choose_fields(Setup& setup, const std::vector<Cell>& cells, const Bundle& bundle, const Pose<frame::Base, frame::Part>& T_base_part) {
+  const auto T_part_base = T_base_part.inverse();
+  for (std::size_t f = 0; f < setup.faces.size(); ++f) {
+    FaceModel& face = setup.faces[f];
+    std::vector<Vec3> feet;
+    std::vector<std::size_t> index;
+    for (std::size_t i = 0; i < cells.size(); ++i) {
+      if (cells[i].slot != static_cast<int>(f) || bundle.weight[i] <= 0) continue;
+      const Vec3 p = T_part_base.point(setup.captures[cells[i].capture].correction.point(cells[i].p_base));
+      Vec3 n;
+      const double d = signed_distance(face.surface, p, n);
+      feet.push_back(p - d * n);
+      index.push_back(i);
+    }
+    constexpr std::size_t kCellsMax = 120;
+    const std::size_t count = std::min(kCellsMax, feet.size());
+    std::vector<Vec3> q;
+    Eigen::VectorXd heights(count), sd(count);
+    for (std::size_t k = 0; k < count; ++k) {
+      const std::size_t i = k * feet.size() / count;
+      q.push_back(feet[i]);
+      heights(static_cast<Eigen::Index>(k)) = bundle.residual_mm[index[i]];
+      sd(static_cast<Eigen::Index>(k)) = std::hypot(cells[index[i]].sd_mm, 0.003);
+    }
+    const FieldChoice choice = choose_field(face, q, heights, sd);
+    face.field = make_field(feet, choice.amplitude_mm, choice.length_mm, 30);
+    face.coefficients = Eigen::VectorXd::Zero(face.field.size());
+  }
+}
+
+}  // namespace
+}  // namespace fitting
+
+Result<Done<Features>> fit(const FitRecipe& recipe, const Job& job, const MeasuredCloud& cloud, const Location& location) {
+  using namespace fitting;
+  auto prepared = prepare(recipe, job, cloud, location);
+  if (!prepared) return tl::unexpected(prepared.error());
+  Setup setup = std::move(*prepared);
+  Done<Features> done;
+  if (setup.edges.empty()) return done;
+  const Pose<frame::Base, frame::Part>& T = location.T_base_part;
+
+  // By the drawing first, far enough from the edges that the part's deviation cannot put a point on the wrong face.
+  std::vector<Cell> cells;
+  std::vector<char> use = setup.is_fine;
+  Bundle bundle;
+  for (const double margin : {std::min(1.5, recipe.deviation_max_mm), 0.5, 0.1}) {
+    const Association how{setup.band_mm + margin, setup.reach_mm, setup.band_mm + margin, recipe.deviation_max_mm};
+    cells = associate(how, cloud, T, corrections_of(setup), setup.is_fine, setup.edges, setup.faces, setup.all_edges, setup.all_edges_index);
+    use = choose_captures(setup, cells);
+    if (use != setup.is_fine)
+      cells = associate(how, cloud, T, corrections_of(setup), use, setup.edges, setup.faces, setup.all_edges, setup.all_edges_index);
+    if (check_seen(setup, cells, job).empty()) break;
+  }
+  if (Refusals r = check_seen(setup, cells, job); !r.empty()) return refuse_all(std::move(r));
+  bundle = solve_bundle({}, cells, T, setup.faces, setup.captures);
+  std::vector<Traced> traced = trace_all(setup, job, recipe, false);
+  if (Refusals r = check_traced(recipe, setup, traced, job); !r.empty()) return refuse_all(std::move(r));
+
+  // Then by what was found: closer to the edges, with the fields that the residuals ask for.
+  double moved_most = 0;
+  for (std::size_t e = 0; e < setup.edges.size(); ++e) {
+    EdgeModel& edge = setup.edges[e];
+    for (std::size_t i = 0; i < edge.nominal.size(); ++i) {
+      const auto x = intersect_at(setup.faces[edge.slot_1], setup.faces[edge.slot_2], edge.current[i], edge.tangent[i], rad_from_deg(5));
+      if (x) edge.current[i] = *x;
+      moved_most = std::max(moved_most, (edge.current[i] - edge.nominal[i]).norm());
+    }
+  }
+  for (const FaceModel& f : setup.faces) must(std::isfinite(f.rms_mm), "fit: rms");
+  const Association close{setup.band_mm, setup.reach_mm, setup.band_mm + std::min(moved_most, recipe.deviation_max_mm), 0.5};
+  cells = associate(close, cloud, T, corrections_of(setup), use, setup.edges, setup.faces, setup.all_edges, setup.all_edges_index);
+  bundle = solve_bundle({}, cells, T, setup.faces, setup.captures);
+  choose_fields(setup, cells, bundle, T);
+  bundle = solve_bundle({}, cells, T, setup.faces, setup.captures);
+  traced = trace_all(setup, job, recipe, true);
+  if (Refusals r = check_traced(recipe, setup, traced, job); !r.empty()) return refuse_all(std::move(r));
+
+  const Solved solved{recipe, job, cloud, location, setup, cells, bundle, traced};
+  if (Refusals r = check_captures(solved); !r.empty()) return refuse_all(std::move(r));
+  done.artefact = finish(solved);
+  if (Refusals r = check_broken(solved, done.artefact); !r.empty()) return refuse_all(std::move(r));
+  for (const AdaptedEdge& e : done.artefact.edges) {
+    std::size_t extrapolated = 0;
+    for (const StationStatus s : e.status) extrapolated += s != StationStatus::measured;
+    if (extrapolated == 0) continue;
+    done.notes.push_back({Note::Level::note, "fit.extrapolated",
+                          fixed_number(100.0 * static_cast<double>(extrapolated) / static_cast<double>(e.status.size()), 1) +
+                              " % of the edge lies between seen places and was continued from them.",
+                          "edge " + e.id + " of " + e.feature});
+  }
+  return done;
+}
+
 }  // namespace asbuilt

@@ -1,0 +1,157 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "planner/fit/bundle.hpp"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+
+namespace asbuilt::fitting {
+
+namespace {
+
+struct Row {
+  double residual;
+  Vec3 q, n;
+  Eigen::VectorXd face;  // gradient of the residual by the face's unknowns (negative heights)
+  Vec6 capture;          // by the whitened unknowns of the capture
+};
+
+double tukey(double u) { return std::abs(u) < 1 ? (1 - u * u) * (1 - u * u) : 0.0; }
+
+}  // namespace
+
+Eigen::VectorXd height_gradient(const FaceModel& face, const Vec3& q, const Vec3& n) {
+  const int modes = modes_count(face.surface);
+  Eigen::VectorXd g(modes + face.field.size());
+  g.head(modes) = mode_heights(face.surface, q, n, face.center).head(modes);
+  if (face.field.size() > 0) g.tail(face.field.size()) = field_basis(face.field, q);
+  return g;
+}
+
+Bundle solve_bundle(const BundleOptions& options, const std::vector<Cell>& cells, const Pose<frame::Base, frame::Part>& T_base_part,
+                    std::vector<FaceModel>& faces, std::vector<CaptureModel>& captures) {
+  Bundle out;
+  int size = 0;
+  for (FaceModel& f : faces) {
+    out.offset.push_back(size);
+    size += modes_count(f.surface) + f.field.size();
+    if (f.coefficients.size() != f.field.size()) f.coefficients = Eigen::VectorXd::Zero(f.field.size());
+  }
+  out.captures_offset = size;
+  for (const CaptureModel& c : captures) {
+    out.capture_offset.push_back(c.is_free ? size : -1);
+    if (c.is_free) size += 6;
+  }
+  const Pose<frame::Part, frame::Base> T_part_base = T_base_part.inverse();
+  std::vector<Row> rows(cells.size());
+  out.residual_mm.assign(cells.size(), 0);
+  out.weight.assign(cells.size(), 1);
+
+  const auto linearise = [&] {
+    for (std::size_t i = 0; i < cells.size(); ++i) {
+      const Cell& c = cells[i];
+      const FaceModel& face = faces[c.slot];
+      const CaptureModel& capture = captures[c.capture];
+      Row& row = rows[i];
+      const Vec3 p = T_part_base.point(capture.correction.point(c.p_base));
+      const double d = signed_distance(face.surface, p, row.n);
+      row.q = p - d * row.n;
+      row.face = -height_gradient(face, row.q, row.n);
+      row.residual = d + row.face.tail(face.field.size()).dot(face.coefficients);
+      // Moving the capture by a twist in its child frame moves the point by R (v + w x p).
+      const Vec3 n_child = capture.correction.q.conjugate() * (T_base_part.q * row.n);
+      Vec6 twist;
+      twist.head<3>() = n_child;
+      twist.tail<3>() = c.p_base.cross(n_child);
+      row.capture = capture.spread.transpose() * twist;
+      out.residual_mm[i] = row.residual;
+    }
+  };
+
+  Eigen::MatrixXd h;
+  for (int round = 0; round <= options.rounds_count; ++round) {
+    linearise();
+    // Robust weights: the scale of each face from its own residuals, never below what the cells claim.
+    std::vector<std::vector<double>> normalised(faces.size());
+    for (std::size_t i = 0; i < cells.size(); ++i) normalised[cells[i].slot].push_back(std::abs(rows[i].residual) / cells[i].sd_mm);
+    std::vector<double> scale(faces.size(), 1);
+    for (std::size_t f = 0; f < faces.size(); ++f) {
+      auto& v = normalised[f];
+      if (v.size() < 5) continue;
+      std::nth_element(v.begin(), v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2), v.end());
+      scale[f] = std::max(1.0, 1.4826 * v[v.size() / 2]);
+    }
+    h = Eigen::MatrixXd::Zero(size, size);
+    Eigen::VectorXd g = Eigen::VectorXd::Zero(size);
+    double chi2 = 0, freedom = 0;
+    for (std::size_t i = 0; i < cells.size(); ++i) {
+      const Cell& c = cells[i];
+      const double normal = rows[i].residual / c.sd_mm;
+      const double robust = tukey(normal / (4.685 * scale[c.slot] * (round == 0 ? 3.0 : 1.0)));
+      out.weight[i] = robust;
+      chi2 += robust * normal * normal, freedom += robust;
+      const double w = robust / (c.sd_mm * c.sd_mm);
+      if (w == 0) continue;
+      const int a = out.offset[c.slot], b = out.capture_offset[c.capture], m = static_cast<int>(rows[i].face.size());
+      h.block(a, a, m, m).noalias() += w * rows[i].face * rows[i].face.transpose();
+      g.segment(a, m) += w * rows[i].residual * rows[i].face;
+      if (b < 0) continue;
+      h.block<6, 6>(b, b).noalias() += w * rows[i].capture * rows[i].capture.transpose();
+      h.block(a, b, m, 6).noalias() += w * rows[i].face * rows[i].capture.transpose();
+      g.segment<6>(b) += w * rows[i].residual * rows[i].capture;
+    }
+    out.factor = std::max(1.0, chi2 / std::max(1.0, freedom - size));
+    h /= out.factor, g /= out.factor;
+    h.triangularView<Eigen::StrictlyLower>() = h.transpose();
+    for (std::size_t f = 0; f < faces.size(); ++f) {
+      const FaceModel& face = faces[f];
+      const int a = out.offset[f], modes = modes_count(face.surface);
+      for (const Vec3& q : face.prior_points) {  // displacement of the patch, not parameters
+        Vec3 n;
+        const double d = signed_distance(face.surface, q, n);  // height of the surface over q is -d
+        const Eigen::VectorXd row = mode_heights(face.surface, q - d * n, n, face.center).head(modes);
+        const double w = 1 / (options.form_sd_mm * options.form_sd_mm);
+        h.block(a, a, modes, modes) += w * row * row.transpose();
+        g.segment(a, modes) += w * -d * row;
+      }
+      // What the patch cannot tell (a plane turned in itself) stays where it is.
+      double lever = 1;
+      for (const Vec3& q : face.prior_points) lever = std::max(lever, (q - face.center).norm());
+      for (int k = 0; k < modes; ++k) h(a + k, a + k) += k >= 3 && k < 6 ? lever * lever / 1e4 : 1 / 1e4;
+      for (int k = 0; k < face.field.size(); ++k) h(a + modes + k, a + modes + k) += 1, g(a + modes + k) += face.coefficients(k);
+    }
+    for (std::size_t k = 0; k < captures.size(); ++k)
+      if (const int b = out.capture_offset[k]; b >= 0) {
+        h.block<6, 6>(b, b) += Mat6::Identity();
+        g.segment<6>(b) += captures[k].whitened;
+      }
+    if (round == options.rounds_count) break;
+    const Eigen::VectorXd step = -h.llt().solve(g);
+    for (std::size_t f = 0; f < faces.size(); ++f) {
+      FaceModel& face = faces[f];
+      const int a = out.offset[f], modes = modes_count(face.surface);
+      ModeRow theta = ModeRow::Zero();
+      theta.head(modes) = step.segment(a, modes);
+      face.surface = moved(face.surface, theta, face.center);
+      face.coefficients += step.segment(a + modes, face.field.size());
+    }
+    for (std::size_t k = 0; k < captures.size(); ++k)
+      if (const int b = out.capture_offset[k]; b >= 0) {
+        captures[k].whitened += step.segment<6>(b);
+        captures[k].correction = captures[k].prior.disturbed(captures[k].spread * captures[k].whitened);
+      }
+  }
+  out.covariance = h.llt().solve(Eigen::MatrixXd::Identity(size, size));
+  std::vector<double> square(faces.size(), 0), weight(faces.size(), 0);
+  for (FaceModel& f : faces) f.points_count = 0;
+  for (std::size_t i = 0; i < cells.size(); ++i) {
+    const Cell& c = cells[i];
+    const double w = out.weight[i] * c.points_count;
+    square[c.slot] += w * (c.scatter_mm * c.scatter_mm + rows[i].residual * rows[i].residual), weight[c.slot] += w;
+    if (out.weight[i] > 0) faces[c.slot].points_count += c.points_count;
+  }
+  for (std::size_t f = 0; f < faces.size(); ++f) faces[f].rms_mm = weight[f] > 0 ? std::sqrt(square[f] / weight[f]) : 0;
+  return out;
+}
+
+}  // namespace asbuilt::fitting
