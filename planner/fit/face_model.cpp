@@ -34,7 +34,7 @@ OffsetField make_field(const std::vector<Vec3>& points, double amplitude_mm, dou
       gap[i] = std::min(gap[i], (points[i] - points[next]).norm());
       if (gap[i] > largest) largest = gap[i];
     }
-    if (largest < 0.35 * length_mm) break;
+    if (largest < std::min(0.3 * length_mm, 8.0)) break;
     for (std::size_t i = 0; i < points.size(); ++i)
       if (gap[i] == largest) {
         next = i;
@@ -54,7 +54,8 @@ OffsetField make_field(const std::vector<Vec3>& points, double amplitude_mm, dou
 Eigen::VectorXd field_basis(const OffsetField& field, const Vec3& q) {
   Eigen::VectorXd k(field.size());
   for (int i = 0; i < field.size(); ++i) k(i) = matern52((q - field.inducing[i]).norm() / field.length_mm);
-  return field.amplitude_mm * (field.whitening.triangularView<Eigen::Lower>() * k);
+  const Eigen::VectorXd basis = field.whitening.triangularView<Eigen::Lower>() * k;
+  return field.amplitude_mm * basis;
 }
 
 double field_rest_variance(const OffsetField& field, const Eigen::VectorXd& basis) {

@@ -10,7 +10,7 @@ namespace asbuilt::fitting {
 
 namespace {
 
-constexpr double kBeside_mm = 2.5, kWithinReach_mm = 10;
+constexpr double kBeside_mm = 4, kWithinReach_mm = 10;
 
 /// Best rigid motion a -> b (Kabsch).
 Eigen::Isometry3d best_rigid(const std::vector<Vec3>& a, const std::vector<Vec3>& b) {

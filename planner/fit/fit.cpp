@@ -73,7 +73,7 @@ void choose_fields(Setup& setup, const std::vector<Cell>& cells, const Bundle& b
     std::vector<Vec3> feet;
     std::vector<std::size_t> index;
     for (std::size_t i = 0; i < cells.size(); ++i) {
-      if (cells[i].slot != static_cast<int>(f) || bundle.weight[i] <= 0) continue;
+      if (cells[i].slot != static_cast<int>(f)) continue;
       const Vec3 p = T_part_base.point(setup.captures[cells[i].capture].correction.point(cells[i].p_base));
       Vec3 n;
       const double d = signed_distance(face.surface, p, n);
@@ -91,7 +91,7 @@ void choose_fields(Setup& setup, const std::vector<Cell>& cells, const Bundle& b
       sd(static_cast<Eigen::Index>(k)) = std::hypot(cells[index[i]].sd_mm, 0.003);
     }
     const FieldChoice choice = choose_field(face, q, heights, sd);
-    face.field = make_field(feet, choice.amplitude_mm, choice.length_mm, 30);
+    face.field = make_field(feet, choice.amplitude_mm, choice.length_mm, 40);
     face.coefficients = Eigen::VectorXd::Zero(face.field.size());
   }
 }
