@@ -254,7 +254,7 @@ struct Recipe {
   Vec3 axis_base = -Vec3::UnitZ();             // wanted tool z in base
   double cone_rad = 0;                         // how far tool z may leave axis_base in tilt mode
   double approach_mm = 0, lead_mm = 0, path_tolerance_mm = 0.01;
-  double gate_probability_ratio = 0.95;        // an edge is emitted only when P(chamfer in tolerance) is at least this
+  double gate_probability_ratio = 0.80;        // an edge is emitted only when the expected share of it in tolerance is at least this
   std::map<std::string, double> weld;          // further numbers of a weld recipe
   template <class S, class A>
   static void visit(S& s, A&& a) {

@@ -50,10 +50,11 @@ struct ToolPath {
   std::vector<std::vector<double>> edge_feed_mm_s;  // parallel to Features::edges and their s_mm: slowest planned feed at the station
   std::vector<int> edge_passes_count;               // parallel to Features::edges
   std::vector<double> edge_probability_ratio;       // parallel to Features::edges: P(whole edge in tolerance)
+  std::vector<double> edge_share_ratio;             // parallel to Features::edges: expected share of the edge in tolerance (the gate)
   template <class S, class A>
   static void visit(S& s, A&& a) {
     a("passes", s.passes), a("edge_feed", s.edge_feed_mm_s), a("edge_passes", s.edge_passes_count);
-    a("edge_probability", s.edge_probability_ratio);
+    a("edge_probability", s.edge_probability_ratio), a("edge_share", s.edge_share_ratio);
   }
 };
 
