@@ -121,6 +121,7 @@ TEST(Chamfer, the_tip_moves_and_turns_with_the_edge) {
     const EdgeStation moved{T.point(s.p), T.direction(s.tau), T.direction(s.n_1), T.direction(s.n_2)};
     const CutterPlacement a = place_cutter(cone_cutter(), s, up, 0.4, 0, 0.5), b = place_cutter(cone_cutter(), moved, T.direction(up), 0.4, 0, 0.5);
     ASSERT_EQ(a.fault, b.fault);
+    if (!a.fault.empty()) continue;
     EXPECT_LT((T.point(a.tip) - b.tip).norm(), 1e-9);
     EXPECT_NEAR(a.leg_1_mm, b.leg_1_mm, 1e-9);
   }

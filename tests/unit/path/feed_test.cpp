@@ -67,7 +67,9 @@ TEST(Feed, blocks_stay_under_every_limit_on_the_grid_within_the_chord) {
   bool has_kept = false;
   for (std::size_t k = 0; k < blocks.size(); ++k) {
     const FeedBlock& b = blocks[k];
-    if (k) EXPECT_EQ(b.begin, blocks[k - 1].end);
+    if (k > 0) {
+      EXPECT_EQ(b.begin, blocks[k - 1].end);
+    }
     has_kept = has_kept || b.end == 200;
     EXPECT_NEAR(b.feed_mm_s * 10, std::round(b.feed_mm_s * 10), 1e-9);
     const Vec3 d = p[b.end] - p[b.begin];

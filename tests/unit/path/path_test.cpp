@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "planner/geom/mesh_query.hpp"
 #include "planner/plan/path/chamfer.hpp"
 #include "planner/plan/path/gate.hpp"
 #include "tests/unit/path/world.hpp"
@@ -200,7 +201,9 @@ TEST(Path, refuses_what_the_axis_cannot_reach) {
   const auto r = plan(steep);
   ASSERT_TRUE(r) << r.error().front().message;
   for (const PathPoint& p : r->artefact.passes[0].points)
-    if (p.kind == PathPointKind::cut) EXPECT_NEAR(p.leg_1_mm, p.leg_2_mm, 1e-6);
+    if (p.kind == PathPointKind::cut) {
+      EXPECT_NEAR(p.leg_1_mm, p.leg_2_mm, 1e-6);
+    }
 }
 
 TEST(Path, refuses_what_was_not_measured) {

@@ -49,9 +49,14 @@ TEST(Program, starts_and_ends_at_home_and_spins_only_where_it_works) {
   bool is_spinning = false;
   std::size_t cutting = 0;
   for (const Instruction& i : p.instructions) {
-    if (std::holds_alternative<SpindleOn>(i)) is_spinning = true, EXPECT_EQ(std::get<SpindleOn>(i).rpm, 12000);
+    if (const auto* on = std::get_if<SpindleOn>(&i)) {
+      is_spinning = true;
+      EXPECT_EQ(on->rpm, 12000);
+    }
     if (std::holds_alternative<SpindleOff>(i)) is_spinning = false;
-    if (std::holds_alternative<MoveJoint>(i)) EXPECT_FALSE(is_spinning);
+    if (std::holds_alternative<MoveJoint>(i)) {
+      EXPECT_FALSE(is_spinning);
+    }
     if (const auto* l = std::get_if<MoveLinear>(&i)) {
       EXPECT_TRUE(is_spinning);
       EXPECT_NEAR(l->speed_mm_s * 10, std::round(l->speed_mm_s * 10), 1e-9);
