@@ -2,11 +2,11 @@
 #include "planner/report/report.hpp"
 
 #include "planner/report/json_text.hpp"
+#include "planner/report/page_html.hpp"
 #include "planner/report/result_json.hpp"
 
 namespace asbuilt {
 
-ItemReport make_report(const ItemRecord& record) { return {readable_json(result_document(record)), "<!doctype html>\n"}; }
-std::string index_html(const std::string&, const std::vector<BatchLine>&) { return "<!doctype html>\n"; }
+ItemReport make_report(const ItemRecord& record) { return {readable_json(result_document(record)), report_page(record)}; }
 
 }  // namespace asbuilt
