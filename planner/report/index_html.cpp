@@ -19,6 +19,8 @@ double number_at(const Json& j, const char* block, const char* field) {
   return j[block][field].get<double>();
 }
 
+std::string shown_or_blank(double value, int decimals) { return value < 1e8 ? shown(value, decimals) : std::string(); }
+
 std::string row_of(const BatchLine& line) {
   const Json result = Json::parse(line.result_json, nullptr, false);
   double time_s = 0, deviation = -1, burr = -1;
@@ -53,10 +55,10 @@ std::string row_of(const BatchLine& line) {
   } else {
     said = programs;
   }
-  return fmt::format("<tr><td><a href=\"{0}/report.html\">{0}</a></td><td><span class=\"badge {1}\">{1}</span></td><td>{2}</td><td class=\"n\">{3}</td><td class=\"n\">{4}</td><td class=\"n\">{5}</td>"
+  return fmt::format("<tr><td style=\"white-space:nowrap\"><a href=\"{0}/report.html\">{0}</a></td><td><span class=\"badge {1}\">{1}</span></td><td>{2}</td><td class=\"n\">{3}</td><td class=\"n\">{4}</td><td class=\"n\">{5}</td>"
                      "<td class=\"n\">{6}</td><td class=\"n\">{7}</td><td class=\"n\">{8}</td></tr>\n",
                      escaped(line.item_id), name_of(line.status), said, edges ? fmt::format("{}", edges) : "", deviation < 0 ? "" : shown(deviation, 3), burr < 0 ? "" : shown(burr, 2),
-                     shown(number_at(result, "verification", "path_error_max"), 4), shown(number_at(result, "verification", "clearance_min"), 2), shown(time_s, 1));
+                     shown_or_blank(number_at(result, "verification", "path_error_max"), 4), shown_or_blank(number_at(result, "verification", "clearance_min"), 2), shown(time_s, 1));
 }
 
 }  // namespace

@@ -123,7 +123,7 @@ Json edge_data(const ItemRecord& r, std::size_t k) {
   if (const auto c = clearance_at(r, k, e.s_mm.size()); !c.empty()) j["clearance"] = numbers(c, 3);
   if (const auto p = probability_at(r, k, e.s_mm); !p.empty()) j["probability"] = numbers(p, 5);
   if (const Recipe* recipe = recipe_of(r, e.feature))
-    j["limits"] = {{"burr", recipe->burr_max_height_mm}, {"feed_min", recipe->feed_min_mm_s}, {"feed_max", recipe->feed_max_mm_s}, {"tolerance", recipe->tolerance_mm}};
+    j["limits"] = {{"burr", recipe->burr_max_height_mm}, {"feed_min", recipe->feed_min_mm_s}, {"feed_max", recipe->feed_max_mm_s}, {"tolerance", recipe->tolerance_mm}, {"gate", recipe->gate_probability_ratio}};
   return j;
 }
 

@@ -39,7 +39,11 @@ std::string shown_short(double value) {
   if (value == 0) return "0";
   if (value == std::round(value) && std::abs(value) < 1e6) return fixed_number(value, 0);
   const int decimals = 3 - static_cast<int>(std::floor(std::log10(std::abs(value))));
-  return decimals > 9 ? fmt::format("{:.3e}", value) : fixed_number(value, std::max(0, decimals));
+  if (decimals > 9) return fmt::format("{:.3e}", value);
+  std::string text = fixed_number(value, std::max(0, decimals));
+  if (text.find('.') != std::string::npos) text.erase(text.find_last_not_of('0') + 1);
+  if (text.back() == '.') text.pop_back();
+  return text;
 }
 
 namespace {

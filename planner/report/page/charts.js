@@ -32,8 +32,9 @@ function makeCharts(box, onPoint) {
     let lo = spec.zero === false ? 1e30 : 0, hi = spec.least || 1e-6;
     for (const c of spec.curves) for (const v of c.y) if (finite(v)) { lo = Math.min(lo, v); hi = Math.max(hi, v); }
     for (const l of spec.levels || []) if (finite(l.y) && (l.force || l.y < 2.5 * hi)) hi = Math.max(hi, l.y);
+    if (spec.zero === false) for (const l of spec.levels || []) if (finite(l.y)) lo = Math.min(lo, l.y);
     const pad = (hi - lo) * 0.06 || 1e-6;
-    hi += pad; if (lo < 0) lo -= pad;
+    hi += pad; if (lo < 0 || spec.zero === false) lo -= pad;
     const s0 = e.s[0], s1 = e.s[e.s.length - 1] || 1, X = s => left + (W - left - right) * (s - s0) / ((s1 - s0) || 1), Y = v => H - low - (H - low - top) * (v - lo) / ((hi - lo) || 1);
     const t = ticks(lo, hi, 3);
     for (const v of t.out) {
@@ -118,7 +119,8 @@ function makeCharts(box, onPoint) {
       if (any(e.sigma)) chart(e, {title: 'Uncertainty across the edge (1 sd), mm', note: range(e.sigma, 4, 'mm'), unit: 'mm', digits: 4, curves: [{y: e.sigma, colour: '#6b4fa0'}],
         levels: e.limits ? [{y: e.limits.tolerance, name: 'tolerance of the chamfer leg'}] : [], height: 92});
       if (any(e.clearance)) chart(e, {title: 'Clearance of the motion at this edge, mm', note: 'certified for the whole of each pass', unit: 'mm', digits: 2, curves: [{y: e.clearance, colour: '#1f7f8c'}], height: 84});
-      if (any(e.probability)) chart(e, {title: 'Probability that both chamfer legs are in tolerance', unit: '', digits: 4, curves: [{y: e.probability, colour: '#23609f'}], least: 1, height: 84});
+      if (any(e.probability)) chart(e, {title: 'Probability that both chamfer legs are in tolerance', unit: '', digits: 4, curves: [{y: e.probability, colour: '#23609f'}], least: 1, zero: false, height: 84,
+        levels: e.limits ? [{y: e.limits.gate, name: 'least that may be emitted'}] : []});
     }
   };
 }

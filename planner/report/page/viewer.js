@@ -55,6 +55,11 @@ function makeView(box, data, scale) {
     const cy = Math.cos(state.yaw), sy = Math.sin(state.yaw), cp = Math.cos(state.pitch), sp = Math.sin(state.pitch);
     return [[cy, sy, 0], [-sy * sp, cy * sp, cp], [sy * cp, -cy * cp, sp]];
   }
+  let fit = [diagonal, diagonal];  // mm that have to fit into the width and height at zoom 1
+  function refit() {
+    const [R, U] = axes();
+    fit = [R, U].map(a => 1.16 * Math.max(0.2 * diagonal, [0, 1, 2].reduce((sum, i) => sum + Math.abs(a[i]) * (hi[i] - lo[i]), 0)));
+  }
   let frame = null, depth = null;
   function draw(fine) {
     const cssW = canvas.clientWidth, cssH = canvas.clientHeight;
@@ -67,7 +72,7 @@ function makeView(box, data, scale) {
     depth.fill(-1e30);
     const px = new Uint32Array(frame.data.buffer);
     px.fill(0);
-    const [R, U, E] = axes(), s = state.zoom * 0.92 * Math.min(W, H * 1.25) / diagonal;
+    const [R, U, E] = axes(), s = state.zoom * Math.min(W / fit[0], H / fit[1]);
     const ox = W / 2 + state.pan[0] * ratio, oy = H / 2 + state.pan[1] * ratio, c = state.about;
     const project = (x, y, z) => {
       x -= c[0]; y -= c[1]; z -= c[2];
@@ -213,7 +218,7 @@ function makeView(box, data, scale) {
     look(name) {
       const v = {home: [-0.65, 0.62], top: [0, 1.5708], front: [0, 0], side: [1.5708, 0], below: [-0.65, -0.62]}[name];
       state.yaw = v[0]; state.pitch = v[1]; state.zoom = 1; state.pan = [0, 0]; state.about = centre.slice();
-      redraw(true);
+      refit(); redraw(true);
     },
     lookAt(points) {
       let a = [1e30, 1e30, 1e30], b = [-1e30, -1e30, -1e30];
@@ -227,6 +232,7 @@ function makeView(box, data, scale) {
   };
   new ResizeObserver(() => redraw(true)).observe(canvas);
   window.addEventListener('beforeprint', () => redraw(true));
+  refit();
   redraw(true);
   return api;
 }
