@@ -27,6 +27,7 @@ struct Fixture {};
 struct Part {};
 struct Work {};  // the frame a program's points are written in
 struct Obstacle {};
+struct Target {};  // a calibration target: balls, board, plate
 }  // namespace frame
 
 inline Mat3 skew(const Vec3& v) {
