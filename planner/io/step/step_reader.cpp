@@ -1,10 +1,186 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "planner/io/step/step_reader.hpp"
 
-namespace asbuilt {
+#include <algorithm>
+#include <cmath>
 
-Result<Done<Brep>> read_step(std::string_view, const std::string& name, const StepOptions&) {
-  return refuse({.code = "step.not_built", .where = name, .message = "", .stage = "input"});
+#include "planner/io/step/classify.hpp"
+#include "planner/io/step/model.hpp"
+#include "planner/io/step/tessellate.hpp"
+
+namespace asbuilt {
+namespace {
+
+using namespace step;
+
+/// Appends one placed body to the part.
+void place(const Body& body, const BodyMesh& mesh, const std::vector<BrepEdge>& edges, const Eigen::Affine3d& T, Brep& out) {
+  const int face_0 = static_cast<int>(out.faces.size()), edge_0 = static_cast<int>(out.edges.size());
+  const int vertex_0 = static_cast<int>(out.mesh.vertices.size()), body_index = out.solids_count + out.shells_count;
+  const double scale = std::cbrt(std::abs(T.linear().determinant()));
+  const bool is_mirror = T.linear().determinant() < 0;
+  const Mat3 R = T.linear() / (scale > 0 ? scale : 1);
+  const bool is_identity = T.matrix() == Eigen::Matrix4d::Identity();
+  for (std::size_t k = 0; k < body.faces.size(); ++k) {
+    const TopoFace& f = body.faces[k];
+    BrepFace b;
+    b.id = "#" + std::to_string(f.id);
+    b.same_sense = f.same_sense;
+    b.body = body_index;
+    b.fault = f.fault;
+    if (f.surface >= 0) {
+      bool is_reversed = false;
+      const Surface& s = body.surfaces[static_cast<std::size_t>(f.surface)];
+      b.surface = is_identity ? s : transformed(T, s, is_reversed);
+      if (is_reversed) b.same_sense = !b.same_sense;
+    }
+    b.area_mm2 = mesh.area_mm2.empty() ? 0 : mesh.area_mm2[k] * scale * scale;
+    out.area_mm2 += b.area_mm2;
+    if (body.is_solid && !mesh.volume_mm3.empty()) out.volume_mm3 += mesh.volume_mm3[k] * scale * scale * scale;
+    out.faces.push_back(std::move(b));
+  }
+  for (BrepEdge e : edges) {
+    for (int* f : {&e.face_1, &e.face_2})
+      if (*f >= 0) {
+        *f += face_0;
+        auto& list = out.faces[static_cast<std::size_t>(*f)].edges;
+        if (list.empty() || list.back() != static_cast<int>(out.edges.size())) list.push_back(static_cast<int>(out.edges.size()));
+      }
+    if (!is_identity) {
+      e.curve = transformed(T, e.curve);
+      for (Vec3& p : e.p) p = T * p;
+      for (double& s : e.s_mm) s *= scale;
+      e.length_mm *= scale;
+      for (auto* v : {&e.tangent, &e.n_1, &e.n_2})
+        for (Vec3& d : *v) d = R * d;
+      if (is_mirror) {  // seen from outside the walk is reversed
+        for (auto* v : {&e.p, &e.tangent, &e.n_1, &e.n_2}) std::reverse(v->begin(), v->end());
+        for (Vec3& d : e.tangent) d = -d;
+        for (double& s : e.s_mm) s = e.length_mm - s;
+        std::reverse(e.s_mm.begin(), e.s_mm.end());
+      }
+    }
+    out.edges.push_back(std::move(e));
+  }
+  (void)edge_0;
+  for (const Vec3& v : mesh.vertices) out.mesh.vertices.push_back(is_identity ? v : T * v);
+  for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
+    auto tri = mesh.triangles[t];
+    if (is_mirror) std::swap(tri[1], tri[2]);
+    for (int& v : tri) {
+      v += vertex_0;
+      out.faces[static_cast<std::size_t>(face_0 + mesh.face[t])].box.extend(out.mesh.vertices[static_cast<std::size_t>(v)]);
+    }
+    out.mesh.triangles.push_back(tri);
+    out.triangle_face.push_back(face_0 + mesh.face[t]);
+  }
+  if (body.is_solid) ++out.solids_count;
+  else out.shells_count += static_cast<int>(body.shells.size());
+}
+
+/// Closed shells whose volume has the wrong sign are turned inside out.
+bool orient_shells(Body& body, BodyMesh& mesh, std::vector<Note>& notes, const std::string& name) {
+  bool turned = false;
+  for (std::size_t s = 0; s < body.shells.size(); ++s) {
+    if (!body.is_solid) continue;
+    double volume = 0;
+    for (int f : body.shells[s].faces) volume += mesh.volume_mm3[static_cast<std::size_t>(f)];
+    if ((volume < 0) == body.shells[s].is_void) continue;
+    reverse_shell(body, static_cast<int>(s));
+    for (int f : body.shells[s].faces) mesh.volume_mm3[static_cast<std::size_t>(f)] *= -1;
+    for (std::size_t t = 0; t < mesh.triangles.size(); ++t)
+      if (body.faces[static_cast<std::size_t>(mesh.face[t])].shell == static_cast<int>(s)) std::swap(mesh.triangles[t][1], mesh.triangles[t][2]);
+    notes.push_back({Note::Level::warning, "step.shell_turned", "a closed shell was inside out and has been turned",
+                     name + ": #" + std::to_string(body.shells[s].id)});
+    turned = true;
+  }
+  return turned;
+}
+
+/// Removes vertices no triangle uses.
+void drop_unused_vertices(Mesh& m) {
+  std::vector<int> to(m.vertices.size(), -1);
+  for (const auto& t : m.triangles)
+    for (int v : t) to[static_cast<std::size_t>(v)] = 0;
+  std::size_t n = 0;
+  for (std::size_t i = 0; i < to.size(); ++i)
+    if (to[i] == 0) to[i] = static_cast<int>(n), m.vertices[n++] = m.vertices[i];
+  m.vertices.resize(n);
+  for (auto& t : m.triangles)
+    for (int& v : t) v = to[static_cast<std::size_t>(v)];
+}
+
+double diagonal_of(const Body& body) {
+  Box3 box;
+  for (const TopoVertex& v : body.vertices) box.extend(v.p);
+  for (const TopoEdge& e : body.edges)
+    if (e.is_closed)
+      for (int k = 1; k < 4; ++k) box.extend(evaluate(e.curve, e.t0 + (e.t1 - e.t0) * k / 4).p);
+  return box.diagonal_mm();
+}
+
+}  // namespace
+
+Result<Done<Brep>> read_step(std::string_view bytes, const std::string& name, const StepOptions& options) {
+  p21::File file;
+  if (const auto failure = p21::parse(bytes, file))
+    return refuse({.code = failure->code,
+                   .where = name + ":" + std::to_string(failure->line),
+                   .message = failure->what + "; export the part again as STEP AP214 or AP242",
+                   .stage = "input"});
+  Done<Brep> done;
+  Brep& out = done.artefact;
+  for (std::size_t k = 0; k < file.schema.size(); ++k) out.schema += (k ? ", " : "") + file.schema[k];
+  for (const p21::Fault& f : file.faults) {
+    const p21::Instance* i = f.id ? file.find(f.id) : nullptr;
+    const std::string entity = i && i->record_count ? std::string(file.keyword_name(file.records[i->record].keyword)) : std::string("syntax");
+    out.unread.push_back({entity, static_cast<int>(f.line), StepFault{f.line, f.id, entity, f.what}.text()});
+  }
+  Binder binder(file);
+  Model model = read_model(binder, out.unread);
+  out.units = model.units.name;
+
+  std::vector<std::pair<std::int64_t, Body>> bodies;
+  double diagonal = 0;
+  for (const BodyUse& use : model.bodies) {
+    const auto it = std::find_if(bodies.begin(), bodies.end(), [&](const auto& b) { return b.first == use.body; });
+    if (it != bodies.end()) continue;
+    binder.units = use.units;
+    bodies.emplace_back(use.body, read_body(binder, use.body, out.unread));
+    diagonal = std::max(diagonal, diagonal_of(bodies.back().second));
+  }
+  std::size_t faces = 0;
+  for (const auto& [id, b] : bodies) faces += b.faces.size();
+  if (faces == 0) {
+    std::string what = "the file holds no body with faces";
+    if (!out.unread.empty()) what += " that can be read (" + out.unread.front().why + ")";
+    if (!model.external.empty()) what += "; its geometry is in other files (" + model.external.front() + ")";
+    return refuse({.code = "step.no_body",
+                   .where = name + ":1",
+                   .message = what + "; export the part as a solid in one file",
+                   .stage = "input"});
+  }
+  Tolerance tolerance;
+  tolerance.chord_mm = options.chord_mm > 0 ? options.chord_mm : std::clamp(1e-4 * diagonal, 0.001, 0.02);
+  tolerance.angle_rad = options.angle_rad > 0 ? options.angle_rad : 0.1745;
+
+  for (auto& [id, body] : bodies) {
+    BodyMesh mesh;
+    if (options.want_mesh) {
+      mesh = tessellate(body, tolerance);
+      orient_shells(body, mesh, done.notes, name);
+    }
+    const std::vector<BrepEdge> edges = classify_edges(body, 1.0, rad_from_deg(10));
+    for (const BodyUse& use : model.bodies)
+      if (use.body == id) place(body, mesh, edges, use.T_root_body, out);
+  }
+  drop_unused_vertices(out.mesh);
+  for (const BrepEdge& e : out.edges)
+    for (const Vec3& p : e.p) out.box.extend(p);
+  for (const Vec3& v : out.mesh.vertices) out.box.extend(v);
+  out.chord_max_mm = tolerance.chord_mm;
+  out.open_edges_count = count_open_edges(out.mesh.triangles);
+  return done;
 }
 
 }  // namespace asbuilt

@@ -1,0 +1,601 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "planner/io/step/chart.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace asbuilt::step {
+namespace {
+
+struct LiftedPoint {
+  Vec2 uv = Vec2::Zero();
+  int vertex = -1;
+  Vec3 p = Vec3::Zero();
+  Vec2 uv_mid = Vec2::Zero();
+  bool has_mid = false;
+  Vec3 p_mid = Vec3::Zero();
+};
+using Lifted = std::vector<LiftedPoint>;
+
+/// One loop as points in chart direction; the last point is not repeated.
+Lifted loop_points(const Body& body, const TopoLoop& loop, bool is_reversed, const std::vector<Vec3>& vertices) {
+  Lifted out;
+  const std::size_t n = loop.uses.size();
+  for (std::size_t k = 0; k < n; ++k) {
+    EdgeUse u = loop.uses[is_reversed ? n - 1 - k : k];
+    if (is_reversed) u.is_forward = !u.is_forward;
+    const TopoEdge& e = body.edges[static_cast<std::size_t>(u.edge)];
+    const std::size_t m = e.t.size();
+    const bool is_line = std::holds_alternative<LineCurve>(e.curve.shape) || std::holds_alternative<PolylineCurve>(e.curve.shape);
+    for (std::size_t i = 0; i + 1 < m; ++i) {
+      const std::size_t a = u.is_forward ? i : m - 1 - i, b = u.is_forward ? i + 1 : m - 2 - i;
+      LiftedPoint q;
+      q.vertex = e.vertex[a];
+      q.p = vertices[static_cast<std::size_t>(q.vertex)];
+      if (!is_line) q.has_mid = true, q.p_mid = evaluate(e.curve, 0.5 * (e.t[a] + e.t[b])).p;
+      out.push_back(q);
+    }
+  }
+  return out;
+}
+
+Vec3 area_vector(const Lifted& l) {
+  Vec3 a = Vec3::Zero();
+  for (std::size_t i = 0; i < l.size(); ++i) a += (l[i].p - l[0].p).cross(l[(i + 1) % l.size()].p - l[0].p);
+  return 0.5 * a;
+}
+
+struct Periods {
+  double u = 0, v = 0;  // 0: not periodic
+};
+
+/// A border of the domain that is one point in space.
+struct Pole {
+  int axis = 1;     // 0: a border in u, 1: a border in v
+  bool is_high = false;
+  double value = 0;
+  Vec3 p = Vec3::Zero();
+};
+
+std::vector<Pole> poles_of(const Surface& s, const SurfaceDomain& d) {
+  std::vector<Pole> out;
+  const double u = d.u0 > -1e200 ? d.u0 : 0, v = d.v0 > -1e200 ? d.v0 : 0;
+  if (d.is_pole_v0) out.push_back({1, false, d.v0, evaluate_jet(s, u, d.v0).p});
+  if (d.is_pole_v1) out.push_back({1, true, d.v1, evaluate_jet(s, u, d.v1).p});
+  if (d.is_pole_u0) out.push_back({0, false, d.u0, evaluate_jet(s, d.u0, v).p});
+  if (d.is_pole_u1) out.push_back({0, true, d.u1, evaluate_jet(s, d.u1, v).p});
+  return out;
+}
+
+class Lifter {
+ public:
+  Lifter(const Surface& s, const SurfaceDomain& d) : s_(s), d_(d), poles_(poles_of(s, d)) {
+    if (d.is_periodic_u) period_.u = d.u1 - d.u0;
+    if (d.is_periodic_v) period_.v = d.v1 - d.v0;
+  }
+  const std::vector<Pole>& poles() const { return poles_; }
+  Periods period() const { return period_; }
+  double worst_mm = 0;
+
+  const Pole* pole_at(const Vec3& p) const {
+    for (const Pole& q : poles_)
+      if ((q.p - p).norm() < 1e-5 + 1e-7 * q.p.norm()) return &q;
+    return nullptr;
+  }
+
+  Vec2 lift(const Vec3& p, const std::optional<Vec2>& seed) {
+    Vec2 uv = raw(p, seed);
+    return seed ? near_to(uv, *seed) : uv;
+  }
+
+  /// Adds the parameters of a loop; turns (windings) come back. A point at a pole becomes two chart points.
+  bool lift_loop(Lifted& loop, int& wind_u, int& wind_v) {
+    std::size_t start = 0;
+    while (start < loop.size() && pole_at(loop[start].p)) ++start;
+    if (start == loop.size()) return false;
+    std::rotate(loop.begin(), loop.begin() + static_cast<std::ptrdiff_t>(start), loop.end());
+    Lifted out;
+    std::optional<Vec2> seed;
+    const Pole* pole = nullptr;
+    const std::size_t n = loop.size();
+    for (std::size_t i = 0; i <= n; ++i) {
+      LiftedPoint q = loop[i % n];
+      if (const Pole* here = i < n ? pole_at(q.p) : nullptr) {
+        pole = here;
+        q.uv = *seed;
+        q.uv[here->axis] = here->value;
+        if (q.has_mid) {}
+        out.push_back(q);
+        seed = q.uv;
+        continue;
+      }
+      Vec2 uv = lift(q.p, seed);
+      if (pole) {
+        const int a = 1 - pole->axis;
+        const double period = a == 0 ? period_.u : period_.v;
+        // Interior on the left: at the upper border the walk goes down in the other parameter, at the lower one up (v borders).
+        const bool goes_up = pole->axis == 1 ? !pole->is_high : pole->is_high;
+        if (period > 0) {
+          double delta = uv[a] - (*seed)[a];
+          if (goes_up) {
+            while (delta <= 1e-7 * period) delta += period;
+            while (delta > period * (1 + 1e-7)) delta -= period;
+          } else {
+            while (delta >= -1e-7 * period) delta -= period;
+            while (delta < -period * (1 + 1e-7)) delta += period;
+          }
+          uv[a] = (*seed)[a] + delta;
+        }
+        // The pole seen from the next point; the piece along the border gets steps of its own.
+        const LiftedPoint at_pole = out.back();
+        out.back().has_mid = false;
+        const int steps = period > 0 ? std::max(1, static_cast<int>(std::ceil(std::abs(uv[a] - (*seed)[a]) / (period / 24)))) : 8;
+        for (int k = 1; k <= steps; ++k) {
+          LiftedPoint r = at_pole;
+          r.uv[a] = (*seed)[a] + (uv[a] - (*seed)[a]) * k / steps;
+          r.has_mid = k == steps && at_pole.has_mid;
+          out.push_back(r);
+        }
+        pole = nullptr;
+      }
+      if (i == n) {
+        const Vec2 turn = uv - out.front().uv;
+        wind_u = period_.u > 0 ? static_cast<int>(std::lround(turn.x() / period_.u)) : 0;
+        wind_v = period_.v > 0 ? static_cast<int>(std::lround(turn.y() / period_.v)) : 0;
+        break;
+      }
+      q.uv = uv;
+      out.push_back(q);
+      seed = uv;
+    }
+    for (std::size_t i = 0; i < out.size(); ++i) {
+      if (!out[i].has_mid) continue;
+      Vec2 next = out[(i + 1) % out.size()].uv;
+      if (i + 1 == out.size()) next += Vec2(wind_u * period_.u, wind_v * period_.v);
+      const Vec2 guess = 0.5 * (out[i].uv + next);
+      out[i].uv_mid = lift(out[i].p_mid, guess);
+      if ((out[i].uv_mid - guess).norm() > 0.5 * (next - out[i].uv).norm() + 1e-12) out[i].has_mid = false;
+    }
+    loop = std::move(out);
+    return true;
+  }
+
+ private:
+  Vec2 near_to(Vec2 uv, const Vec2& seed) const {
+    if (period_.u > 0) uv.x() += period_.u * std::round((seed.x() - uv.x()) / period_.u);
+    if (period_.v > 0) uv.y() += period_.v * std::round((seed.y() - uv.y()) / period_.v);
+    return uv;
+  }
+  Vec2 raw(const Vec3& p, const std::optional<Vec2>& seed) {
+    SurfaceFoot f = project(s_, p, seed);
+    double off = std::abs((f.p - p).norm());
+    if (seed && off > 1e-3 && s_.shape.index() >= 5) {
+      const SurfaceFoot g = project(s_, p);
+      if ((g.p - p).norm() < 0.5 * off) f = g, off = (g.p - p).norm();
+    }
+    worst_mm = std::max(worst_mm, off);
+    return {f.u, f.v};
+  }
+
+  const Surface& s_;
+  const SurfaceDomain& d_;
+  std::vector<Pole> poles_;
+  Periods period_;
+};
+
+double signed_area(const Lifted& l) {
+  double a = 0;
+  for (std::size_t i = 0; i < l.size(); ++i) {
+    const Vec2 p = l[i].uv - l[0].uv, q = l[(i + 1) % l.size()].uv - l[0].uv;
+    a += p.x() * q.y() - p.y() * q.x();
+  }
+  return 0.5 * a;
+}
+
+bool contains(const Lifted& l, const Vec2& p) {
+  bool in = false;
+  for (std::size_t i = 0, j = l.size() - 1; i < l.size(); j = i++) {
+    const Vec2 &a = l[i].uv, &b = l[j].uv;
+    if ((a.y() > p.y()) != (b.y() > p.y()) && p.x() < (b.x() - a.x()) * (p.y() - a.y()) / (b.y() - a.y()) + a.x()) in = !in;
+  }
+  return in;
+}
+
+void shift(Lifted& l, const Vec2& by) {
+  for (LiftedPoint& p : l) p.uv += by, p.uv_mid += by;
+}
+
+bool segments_cross(const Vec2& a, const Vec2& b, const Vec2& c, const Vec2& d) {
+  const auto side = [](const Vec2& p, const Vec2& q, const Vec2& r) {
+    return (q.x() - p.x()) * (r.y() - p.y()) - (q.y() - p.y()) * (r.x() - p.x());
+  };
+  const double d1 = side(a, b, c), d2 = side(a, b, d), d3 = side(c, d, a), d4 = side(c, d, b);
+  return d1 * d2 <= 0 && d3 * d4 <= 0 && !(d1 == 0 && d2 == 0);
+}
+
+void turn_quarter(Lifted& l) {
+  for (LiftedPoint& p : l) p.uv = Vec2(p.uv.y(), -p.uv.x()), p.uv_mid = Vec2(p.uv_mid.y(), -p.uv_mid.x());
+}
+
+/// The loop once around, starting at point k, with a copy of the start one period on.
+Lifted unrolled(const Lifted& l, std::size_t k, double turn) {
+  Lifted out;
+  for (std::size_t i = 0; i <= l.size(); ++i) {
+    LiftedPoint p = l[(k + i) % l.size()];
+    if (k + i >= l.size()) p.uv.x() += turn, p.uv_mid.x() += turn;
+    out.push_back(p);
+  }
+  out.back().has_mid = false;
+  return out;
+}
+
+struct Builder {
+  const Body& body;
+  const TopoFace& face;
+  const Surface& surface;
+  const SurfaceDomain& domain;
+  const Tolerance& tolerance;
+  std::vector<Vec3>& vertices;
+  FaceChart out;
+
+  int new_vertex(const Vec3& p) {
+    vertices.push_back(p);
+    return static_cast<int>(vertices.size()) - 1;
+  }
+
+  /// Points strictly between two chart positions, as new mesh vertices on the surface.
+  Lifted seam(const Vec2& from, const Vec2& to, bool is_turned, int steps) {
+    Lifted l;
+    for (int i = 1; i < steps; ++i) {
+      LiftedPoint p;
+      p.uv = from + (to - from) * i / steps;
+      const Vec2 uv = is_turned ? Vec2(-p.uv.y(), p.uv.x()) : p.uv;
+      p.p = out.chart.at(out.chart.q(uv)).p;
+      p.vertex = new_vertex(p.p);
+      l.push_back(p);
+    }
+    return l;
+  }
+
+  /// How many pieces a straight cut needs so that its chords stay within the tolerance.
+  int seam_steps(const Vec2& from, const Vec2& to, bool is_turned) {
+    const auto at = [&](double f) {
+      const Vec2 w = from + (to - from) * f;
+      return out.chart.at(out.chart.q(is_turned ? Vec2(-w.y(), w.x()) : w)).p;
+    };
+    int n = 1;
+    while (n < 256) {
+      double worst = 0;
+      for (int i = 0; i < n; ++i) {
+        const Vec3 a = at(double(i) / n), b = at((i + 1.0) / n), m = at((i + 0.5) / n);
+        const Vec3 chord = b - a;
+        const double l = chord.norm();
+        worst = std::max(worst, l > 0 ? (m - a).cross(chord).norm() / l : (m - a).norm());
+      }
+      if (worst <= tolerance.chord_mm) break;
+      n *= 2;
+    }
+    return n;
+  }
+
+  void push(std::vector<Lifted>& loops) {
+    for (const Lifted& l : loops) {
+      ChartLoop c;
+      for (const LiftedPoint& p : l) c.push_back({p.uv, p.vertex, p.uv_mid, p.has_mid});
+      out.loops.push_back(std::move(c));
+    }
+  }
+
+  void sphere(std::vector<Lifted>& loops, const SphereSurface& s) {
+    // Any loop: the point opposite to its area vector lies on its right side, outside the face.
+    std::size_t pick = 0;
+    double best = -1;
+    for (std::size_t i = 0; i < loops.size(); ++i) {
+      const double a = area_vector(loops[i]).norm();
+      if (a > best) best = a, pick = i;
+    }
+    const Vec3 a = area_vector(loops[pick]);
+    Chart& c = out.chart;
+    c.is_stereographic = true;
+    c.radius_mm = s.radius_mm;
+    c.stereo.origin = s.at.origin;
+    const Eigen::Quaterniond q = quat_from_z(a.norm() > 0 ? Vec3(a.normalized()) : Vec3::UnitZ(), s.at.x);
+    c.stereo.x = q * Vec3::UnitX(), c.stereo.y = q * Vec3::UnitY(), c.stereo.z = q * Vec3::UnitZ();
+    const auto to_q = [&](const Vec3& p) {
+      const Vec3 r = (p - s.at.origin).normalized();
+      const double h = std::max(1e-9, 1 + r.dot(c.stereo.z));
+      return Vec2(2 * s.radius_mm * r.dot(c.stereo.x) / h, 2 * s.radius_mm * r.dot(c.stereo.y) / h);
+    };
+    for (Lifted& l : loops)
+      for (LiftedPoint& p : l) {
+        p.uv = to_q(p.p);
+        if (p.has_mid) p.uv_mid = to_q(p.p_mid);
+      }
+    push(loops);
+  }
+
+  void band(std::vector<Lifted> winding, std::vector<Lifted> plain, std::vector<int> turns, double period, double period_other,
+            const std::vector<Pole>& poles, bool is_turned) {
+    if (is_turned) {
+      for (Lifted& l : winding) turn_quarter(l);
+      for (Lifted& l : plain) turn_quarter(l);
+    }
+    if (winding.size() == 2 && turns[0] == -turns[1] && std::abs(turns[0]) == 1) {
+      Lifted &low = winding[turns[0] == 1 ? 0 : 1], &high = winding[turns[0] == 1 ? 1 : 0];
+      const auto mean = [](const Lifted& l) {
+        double m = 0;
+        for (const LiftedPoint& p : l) m += p.uv.y();
+        return m / static_cast<double>(l.size());
+      };
+      if (period_other > 0) {
+        const double gap = mean(high) - mean(low);
+        shift(high, {0, -period_other * std::floor(gap / period_other - 1e-9)});
+      }
+      std::size_t best_i = 0, best_j = 0;
+      double best_shift = 0;
+      find_cut(low, high, plain, period, best_i, best_j, best_shift);
+      const Lifted bottom = unrolled(low, best_i, period);
+      const double top_start = high[best_j].uv.x() + best_shift;
+      Lifted top = high;
+      shift(top, {best_shift + period, 0});
+      top = unrolled(top, best_j, -period);  // from top_start + period back to top_start
+      Lifted polygon = bottom;
+      const Vec2 left_low = bottom.front().uv, left_high(top_start, high[best_j].uv.y());
+      const Lifted cut = seam(left_low, left_high, is_turned, seam_steps(left_low, left_high, is_turned));
+      for (LiftedPoint p : cut) p.uv.x() += period, polygon.push_back(p);
+      polygon.insert(polygon.end(), top.begin(), top.end());
+      for (std::size_t i = cut.size(); i-- > 0;) polygon.push_back(cut[i]);
+      finish(std::move(polygon), std::move(plain), period, is_turned);
+      return;
+    }
+    if (winding.size() == 1 && std::abs(turns[0]) == 1) {
+      const bool to_high = turns[0] == 1;
+      const Pole* pole = nullptr;
+      for (const Pole& p : poles) {
+        if (!is_turned && p.axis == 1 && p.is_high == to_high) pole = &p;
+        if (is_turned && p.axis == 0 && p.is_high == !to_high) pole = &p;  // turned: y = -u
+      }
+      if (!pole) {
+        out.fault = "a loop runs once around the surface and there is no pole on its inner side";
+        return;
+      }
+      const double y = is_turned ? -pole->value : pole->value;
+      std::size_t start = 0;
+      if (!plain.empty()) {  // start where the way to the pole is free
+        for (std::size_t k = 0; k < winding[0].size(); ++k) {
+          const Vec2 a = winding[0][k].uv;
+          if (!is_blocked(a, Vec2(a.x(), y), plain, period)) {
+            start = k;
+            break;
+          }
+        }
+      }
+      Lifted polygon = unrolled(winding[0], start, turns[0] * period);
+      const Vec2 from = polygon.front().uv, to(from.x(), y);
+      const Lifted cut = seam(from, to, is_turned, seam_steps(from, to, is_turned));
+      for (LiftedPoint p : cut) p.uv.x() += turns[0] * period, polygon.push_back(p);
+      int apex = -1;
+      for (const TopoLoop& l : face.loops)
+        if (l.vertex >= 0 && (body.vertices[static_cast<std::size_t>(l.vertex)].p - pole->p).norm() < 1e-4) apex = l.vertex;
+      if (apex < 0) apex = new_vertex(pole->p);
+      const int steps = std::max<int>(12, static_cast<int>(winding[0].size()));
+      for (int k = 0; k <= steps; ++k) {
+        LiftedPoint p;
+        p.vertex = apex, p.p = pole->p;
+        p.uv = {from.x() + turns[0] * period * (1 - double(k) / steps), y};
+        polygon.push_back(p);
+      }
+      for (std::size_t i = cut.size(); i-- > 0;) polygon.push_back(cut[i]);
+      finish(std::move(polygon), std::move(plain), period, is_turned);
+      return;
+    }
+    out.fault = std::to_string(winding.size()) + " loops run around the surface; a face can have at most two";
+  }
+
+  bool is_blocked(const Vec2& a, const Vec2& b, const std::vector<Lifted>& loops, double period) const {
+    for (const Lifted& l : loops)
+      for (std::size_t i = 0; i < l.size(); ++i) {
+        const Vec2 &c = l[i].uv, &d = l[(i + 1) % l.size()].uv;
+        const double k0 = std::floor((std::min(a.x(), b.x()) - std::max(c.x(), d.x())) / period);
+        for (double k = k0; k <= k0 + 2; ++k)
+          if (segments_cross(a, b, c + Vec2(k * period, 0), d + Vec2(k * period, 0))) return true;
+      }
+    return false;
+  }
+  bool cuts_loop(const Vec2& a, const Vec2& b, const Lifted& l, double turn, double period) const {  // touching the ends is allowed
+    for (std::size_t i = 0; i < l.size(); ++i) {
+      const Vec2 c = l[i].uv;
+      Vec2 d = l[(i + 1) % l.size()].uv;
+      if (i + 1 == l.size()) d.x() += turn;
+      const double k0 = std::floor((std::min(a.x(), b.x()) - std::max(c.x(), d.x())) / period);
+      for (double k = k0; k <= k0 + 2; ++k) {
+        const Vec2 c2 = c + Vec2(k * period, 0), d2 = d + Vec2(k * period, 0);
+        const auto same = [](const Vec2& p, const Vec2& q) { return (p - q).norm() < 1e-9 * (1 + p.norm()); };
+        if (same(a, c2) || same(a, d2) || same(b, c2) || same(b, d2)) continue;
+        if (segments_cross(a, b, c2, d2)) return true;
+      }
+    }
+    return false;
+  }
+
+  void find_cut(const Lifted& low, const Lifted& high, const std::vector<Lifted>& plain, double period, std::size_t& bi, std::size_t& bj,
+                double& bs) const {
+    struct Candidate {
+      double cost;
+      std::size_t i, j;
+      double shift;
+    };
+    std::vector<Candidate> list;
+    const std::size_t step = std::max<std::size_t>(1, low.size() / 96);
+    for (std::size_t i = 0; i < low.size(); i += step) {
+      Candidate c{1e300, i, 0, 0};
+      for (std::size_t j = 0; j < high.size(); ++j) {
+        const double dx = low[i].uv.x() - high[j].uv.x(), k = std::round(dx / period) * period, cost = std::abs(dx - k);
+        if (cost < c.cost) c = {cost, i, j, k};
+      }
+      list.push_back(c);
+    }
+    std::stable_sort(list.begin(), list.end(), [](const Candidate& a, const Candidate& b) { return a.cost < b.cost; });
+    bi = list[0].i, bj = list[0].j, bs = list[0].shift;
+    for (const Candidate& c : list) {
+      const Vec2 a = low[c.i].uv, b = high[c.j].uv + Vec2(c.shift, 0);
+      if (is_blocked(a, b, plain, period) || cuts_loop(a, b, low, period, period) || cuts_loop(a, b, high, -period, period)) continue;
+      bi = c.i, bj = c.j, bs = c.shift;
+      return;
+    }
+  }
+
+  void finish(Lifted polygon, std::vector<Lifted> plain, double period, bool is_turned) {
+    for (Lifted& l : plain) {
+      for (int k = 0; k <= 3; ++k) {
+        bool found = false;
+        for (int sign : {1, -1}) {
+          const Vec2 by(sign * k * period, 0);
+          if (contains(polygon, l.front().uv + by)) {
+            shift(l, by);
+            found = true;
+            break;
+          }
+        }
+        if (found) break;
+      }
+    }
+    std::vector<Lifted> all{std::move(polygon)};
+    for (Lifted& l : plain) all.push_back(std::move(l));
+    out.chart.is_turned = is_turned;
+    push(all);
+  }
+
+  void run() {
+    out.chart.surface = &surface, out.chart.domain = &domain;
+    out.chart.is_plane = std::holds_alternative<PlaneSurface>(surface.shape);
+    const bool is_reversed = !face.same_sense;
+    std::vector<Lifted> loops;
+    for (const TopoLoop& l : face.loops) {
+      if (l.vertex >= 0) continue;
+      std::vector<TopoLoop> used;
+      if (std::holds_alternative<SphereSurface>(surface.shape) && l.uses.size() < 1000) split_seams(l.uses, used);
+      else used.push_back(l);
+      for (const TopoLoop& u : used) loops.push_back(loop_points(body, u, is_reversed, vertices));
+    }
+    if (loops.empty()) {
+      out.is_whole_surface = true;
+      return;
+    }
+    if (const auto* s = std::get_if<SphereSurface>(&surface.shape)) return sphere(loops, *s);
+    if (const auto* pl = std::get_if<PlaneSurface>(&surface.shape)) {
+      for (Lifted& l : loops)
+        for (LiftedPoint& p : l) {
+          const Vec3 r = p.p - pl->at.origin;
+          p.uv = {r.dot(pl->at.x), r.dot(pl->at.y)};
+          if (p.has_mid) p.uv_mid = {(p.p_mid - pl->at.origin).dot(pl->at.x), (p.p_mid - pl->at.origin).dot(pl->at.y)};
+        }
+      return push(loops);
+    }
+    Lifter lifter(surface, domain);
+    std::vector<Lifted> plain, around_u, around_v;
+    std::vector<int> turns_u, turns_v;
+    for (Lifted& l : loops) {
+      int wu = 0, wv = 0;
+      if (!lifter.lift_loop(l, wu, wv)) {
+        out.fault = "a loop lies wholly in a pole of its surface";
+        return;
+      }
+      if (wu == 0 && wv == 0) plain.push_back(std::move(l));
+      else if (wv == 0) around_u.push_back(std::move(l)), turns_u.push_back(wu);
+      else if (wu == 0) around_v.push_back(std::move(l)), turns_v.push_back(wv);
+      else {
+        out.fault = "a loop runs around the surface in both directions";
+        return;
+      }
+    }
+    const Periods period = lifter.period();
+    if (!around_u.empty() && !around_v.empty()) {
+      out.fault = "loops run around the surface in both directions";
+      return;
+    }
+    if (!around_u.empty()) return band(std::move(around_u), std::move(plain), turns_u, period.u, period.v, lifter.poles(), false);
+    if (!around_v.empty()) return band(std::move(around_v), std::move(plain), turns_v, period.v, period.u, lifter.poles(), true);
+    // All loops close in the chart: the largest is the outer one, the others are moved by periods into it.
+    std::size_t outer = 0;
+    double best = -1;
+    for (std::size_t i = 0; i < plain.size(); ++i)
+      if (const double a = std::abs(signed_area(plain[i])); a > best) best = a, outer = i;
+    for (std::size_t i = 0; i < plain.size(); ++i) {
+      if (i == outer) continue;
+      const Vec2 at = plain[i].front().uv;
+      for (int ring = 0; ring <= 2; ++ring) {
+        bool found = false;
+        for (int a = -ring; a <= ring && !found; ++a)
+          for (int b = -ring; b <= ring && !found; ++b) {
+            if (std::max(std::abs(a), std::abs(b)) != ring || (a && period.u == 0) || (b && period.v == 0)) continue;
+            const Vec2 by(a * period.u, b * period.v);
+            if (contains(plain[outer], at + by)) shift(plain[i], by), found = true;
+          }
+        if (found) break;
+      }
+    }
+    push(plain);
+  }
+
+  /// Cuts a loop at the edges it runs there and back: what remains are its true borders.
+  static void split_seams(std::vector<EdgeUse> uses, std::vector<TopoLoop>& out) {
+    for (std::size_t i = 0; i < uses.size(); ++i)
+      for (std::size_t j = i + 1; j < uses.size(); ++j) {
+        if (uses[i].edge != uses[j].edge || uses[i].is_forward == uses[j].is_forward) continue;
+        std::vector<EdgeUse> inner(uses.begin() + static_cast<std::ptrdiff_t>(i) + 1, uses.begin() + static_cast<std::ptrdiff_t>(j));
+        std::vector<EdgeUse> rest(uses.begin() + static_cast<std::ptrdiff_t>(j) + 1, uses.end());
+        rest.insert(rest.end(), uses.begin(), uses.begin() + static_cast<std::ptrdiff_t>(i));
+        split_seams(std::move(inner), out);
+        split_seams(std::move(rest), out);
+        return;
+      }
+    if (uses.empty()) return;
+    TopoLoop l;
+    l.uses = std::move(uses);
+    out.push_back(std::move(l));
+  }
+};
+
+}  // namespace
+
+Vec2 Chart::uv(const Vec2& w) const {
+  const Vec2 r(w.x() / scale.x(), w.y() / scale.y());
+  return is_turned ? Vec2(-r.y(), r.x()) : r;
+}
+
+Vec2 Chart::q(const Vec2& uv) const {
+  const Vec2 r = is_turned ? Vec2(uv.y(), -uv.x()) : uv;
+  return {r.x() * scale.x(), r.y() * scale.y()};
+}
+
+Chart::Jet Chart::at(const Vec2& w) const {
+  if (is_stereographic) {
+    const Vec2 s(w.x() / scale.x(), w.y() / scale.y());
+    const double r = radius_mm, h = 4 * r * r, m = s.squaredNorm() + h;
+    // Inverse of q = 2 r (x, y) / (1 + z) on the unit sphere.
+    const double x = 4 * r * s.x() / m, y = 4 * r * s.y() / m, z = (h - s.squaredNorm()) / m;
+    Jet j;
+    j.p = stereo.origin + r * (x * stereo.x + y * stereo.y + z * stereo.z);
+    const double gx = 2 * s.x() / m, gy = 2 * s.y() / m;  // d(ln m)
+    j.d0 = r * ((4 * r / m - x * gx) * stereo.x - y * gx * stereo.y + (-2 * s.x() / m - z * gx) * stereo.z) / scale.x();
+    j.d1 = r * (-x * gy * stereo.x + (4 * r / m - y * gy) * stereo.y + (-2 * s.y() / m - z * gy) * stereo.z) / scale.y();
+    return j;
+  }
+  Vec2 p = uv(w);
+  if (domain->is_periodic_u) p.x() -= (domain->u1 - domain->u0) * std::floor((p.x() - domain->u0) / (domain->u1 - domain->u0));
+  if (domain->is_periodic_v) p.y() -= (domain->v1 - domain->v0) * std::floor((p.y() - domain->v0) / (domain->v1 - domain->v0));
+  const SurfaceJet j = evaluate_jet(*surface, p.x(), p.y());
+  if (is_turned) return {j.p, j.dv / scale.x(), -j.du / scale.y()};
+  return {j.p, j.du / scale.x(), j.dv / scale.y()};
+}
+
+FaceChart flatten_face(const Body& body, int face, const Tolerance& tolerance, std::vector<Vec3>& vertices) {
+  const TopoFace& f = body.faces[static_cast<std::size_t>(face)];
+  const auto k = static_cast<std::size_t>(f.surface);
+  Builder b{body, f, body.surfaces[k], body.domains[k], tolerance, vertices, {}};
+  b.run();
+  return std::move(b.out);
+}
+
+}  // namespace asbuilt::step

@@ -1,0 +1,716 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "planner/io/step/p21.hpp"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cstring>
+
+namespace asbuilt::p21 {
+namespace {
+
+constexpr std::string_view kNames[] = {
+#define X(name) #name,
+    ASBUILT_STEP_KEYWORDS(X)
+#undef X
+};
+
+constexpr int kDepthLimit = 64;
+constexpr std::size_t kListLimit = 10'000'000, kBytesLimit = std::size_t(4) << 30;
+constexpr std::int64_t kIdLimit = std::int64_t(1) << 62;
+
+enum : std::uint8_t { c_space = 1, c_digit = 2, c_name = 4 };
+constexpr std::array<std::uint8_t, 256> make_classes() {
+  std::array<std::uint8_t, 256> t{};
+  for (const int c : {32, 9, 13, 10, 12, 11, 0}) t[c] = c_space;
+  for (int c = '0'; c <= '9'; ++c) t[c] = c_digit | c_name;
+  for (int c = 'A'; c <= 'Z'; ++c) t[c] = c_name;
+  for (int c = 'a'; c <= 'z'; ++c) t[c] = c_name;
+  t['_'] = t['-'] = c_name;
+  return t;
+}
+constexpr auto kClass = make_classes();
+
+/// Open addressing over keyword texts; the known ones come first.
+class Keywords {
+ public:
+  Keywords() : slots_(1024, 0) {
+    for (std::string_view n : kNames) names_.push_back(n), put(static_cast<std::uint32_t>(names_.size()) - 1);
+  }
+  std::uint32_t id(std::string_view text) {
+    std::size_t i = hash(text) & (slots_.size() - 1);
+    while (slots_[i]) {
+      if (names_[slots_[i] - 1] == text) return slots_[i] - 1;
+      i = (i + 1) & (slots_.size() - 1);
+    }
+    if (names_.size() >= 60000) return 60000;  // hostile input: one shared name for the rest
+    names_.push_back(text);
+    if (2 * names_.size() > slots_.size()) {
+      slots_.assign(2 * slots_.size(), 0);
+      for (std::uint32_t k = 0; k < names_.size(); ++k) put(k);
+    } else {
+      slots_[i] = static_cast<std::uint32_t>(names_.size());
+    }
+    return static_cast<std::uint32_t>(names_.size()) - 1;
+  }
+  std::vector<std::string_view> extra() const { return {names_.begin() + K_known_count, names_.end()}; }
+
+ private:
+  static std::size_t hash(std::string_view s) {
+    std::uint64_t h = s.size() * 0x9E3779B97F4A7C15ull;
+    if (s.size() >= 8) {
+      std::uint64_t a, b;
+      std::memcpy(&a, s.data(), 8), std::memcpy(&b, s.data() + s.size() - 8, 8);
+      h ^= a * 0xff51afd7ed558ccdull, h ^= b * 0xc4ceb9fe1a85ec53ull;
+      if (s.size() > 16) {
+        std::memcpy(&a, s.data() + s.size() / 2 - 4, 8);
+        h += a * 0x2545F4914F6CDD1Dull;
+      }
+    } else {
+      for (char c : s) h = (h ^ static_cast<std::uint8_t>(c)) * 0x100000001b3ull;
+    }
+    return static_cast<std::size_t>(h ^ (h >> 29));
+  }
+  void put(std::uint32_t k) {
+    std::size_t i = hash(names_[k]) & (slots_.size() - 1);
+    while (slots_[i]) i = (i + 1) & (slots_.size() - 1);
+    slots_[i] = k + 1;
+  }
+  std::vector<std::string_view> names_;
+  std::vector<std::uint32_t> slots_;
+};
+
+constexpr double kPow10[] = {1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,  1e8,  1e9,  1e10, 1e11,
+                             1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20, 1e21, 1e22};
+
+class Parser {
+ public:
+  Parser(std::string_view bytes, File& file) : file_(file), begin_(bytes.data()), p_(bytes.data()), end_(bytes.data() + bytes.size()) {}
+
+  std::optional<Failure> run() {
+    file_.bytes = {begin_, static_cast<std::size_t>(end_ - begin_)};
+    if (file_.bytes.size() > kBytesLimit) return Failure{"step.limits", 1, "the file is larger than 4 GiB"};
+    const std::size_t magic = file_.bytes.substr(0, 4096).find("ISO-10303-21");
+    if (magic == std::string_view::npos)
+      return Failure{"step.not_step", 1, "the first 4096 bytes hold no 'ISO-10303-21'; this is not a STEP file"};
+    p_ = begin_ + magic + 12;
+    const std::size_t guess = file_.bytes.size() / 50;
+    file_.instances.reserve(guess), file_.records.reserve(guess), file_.values.reserve(file_.bytes.size() / 9);
+    skip();
+    if (p_ < end_ && *p_ == ';') ++p_;
+    bool has_data = false, data_closed = true;
+    for (;;) {
+      skip();
+      if (p_ >= end_) break;
+      const std::string_view word = name();
+      if (word.empty()) {
+        fault(0, "unexpected byte between sections");
+        ++p_;
+        continue;
+      }
+      if (word == "HEADER" || word == "header") {
+        header();
+      } else if (word == "DATA" || word == "data") {
+        skip();
+        if (p_ < end_ && *p_ == '(') skip_to_semicolon();
+        else if (p_ < end_ && *p_ == ';') ++p_;
+        has_data = true;
+        data_closed = data_section();
+        if (!failure_ && !data_closed) return truncated("the file ends inside the DATA section: no ENDSEC and no END-ISO-10303-21");
+      } else if (word == "END-ISO-10303-21") {
+        file_.has_end = true;
+        break;
+      } else if (word == "ENDSEC") {
+        skip_to_semicolon();
+      } else {  // ANCHOR, REFERENCE, SIGNATURE or unknown
+        skip_section();
+      }
+      if (failure_) return failure_;
+    }
+    if (failure_) return failure_;
+    if (!has_data) return truncated("the file has no DATA section");
+    file_.lines = line_;
+    file_.extra = keywords_.extra();
+    index();
+    return std::nullopt;
+  }
+
+ private:
+  Failure truncated(std::string what) const { return {"step.truncated", line_, std::move(what)}; }
+  void fault(std::int64_t id, std::string what) {
+    ++file_.faults_count;
+    if (file_.faults.size() < 100) file_.faults.push_back({line_, id, std::move(what)});
+  }
+
+  void skip() {
+    for (;;) {
+      while (p_ < end_ && (kClass[static_cast<std::uint8_t>(*p_)] & c_space)) {
+        if (*p_ == '\n') ++line_;
+        ++p_;
+      }
+      if (p_ + 1 < end_ && *p_ == '/' && p_[1] == '*') {
+        p_ += 2;
+        while (p_ + 1 < end_ && !(*p_ == '*' && p_[1] == '/')) {
+          if (*p_ == '\n') ++line_;
+          ++p_;
+        }
+        p_ = std::min(p_ + 2, end_);
+      } else {
+        return;
+      }
+    }
+  }
+  std::string_view name() {
+    const char* b = p_;
+    if (p_ < end_ && *p_ == '!') ++p_;
+    while (p_ < end_ && (kClass[static_cast<std::uint8_t>(*p_)] & c_name)) ++p_;
+    return {b, static_cast<std::size_t>(p_ - b)};
+  }
+  void skip_string() {  // p_ on the opening quote
+    ++p_;
+    while (p_ < end_) {
+      if (*p_ == '\n') ++line_;
+      if (*p_ == '\'') {
+        if (p_ + 1 < end_ && p_[1] == '\'') {
+          p_ += 2;
+          continue;
+        }
+        ++p_;
+        return;
+      }
+      ++p_;
+    }
+  }
+  void skip_to_semicolon() {
+    while (p_ < end_) {
+      skip();
+      if (p_ >= end_) return;
+      if (*p_ == '\'') {
+        skip_string();
+        continue;
+      }
+      if (*p_++ == ';') return;
+    }
+  }
+  void skip_section() {
+    while (p_ < end_) {
+      skip();
+      if (p_ >= end_) return;
+      if (*p_ == '\'') {
+        skip_string();
+        continue;
+      }
+      if (kClass[static_cast<std::uint8_t>(*p_)] & c_name) {
+        if (name() == "ENDSEC") {
+          skip_to_semicolon();
+          return;
+        }
+        continue;
+      }
+      ++p_;
+    }
+  }
+
+  void header() {
+    skip();
+    if (p_ < end_ && *p_ == ';') ++p_;
+    while (p_ < end_) {
+      skip();
+      const std::string_view word = name();
+      if (word.empty()) {
+        if (p_ < end_) ++p_;
+        continue;
+      }
+      if (word == "ENDSEC") {
+        skip_to_semicolon();
+        return;
+      }
+      if (word == "DATA") {  // header never closed
+        p_ -= 4;
+        return;
+      }
+      int strings = 0;
+      const bool is_schema = word == "FILE_SCHEMA", is_name = word == "FILE_NAME";
+      while (p_ < end_) {
+        skip();
+        if (p_ >= end_) return;
+        if (*p_ == '\'') {
+          const char* b = p_ + 1;
+          skip_string();
+          const std::string_view raw(b, static_cast<std::size_t>(std::max<std::ptrdiff_t>(0, p_ - b - 1)));
+          if (is_schema && file_.schema.size() < 16) file_.schema.push_back(decoded(raw));
+          if (is_name) {
+            ++strings;
+            file_.system = decoded(raw.substr(0, 200));
+          }
+          continue;
+        }
+        if (*p_++ == ';') break;
+      }
+    }
+  }
+
+  /// True when its ENDSEC (or END-ISO) was seen.
+  bool data_section() {
+    for (;;) {
+      skip();
+      if (p_ >= end_) return false;
+      if (*p_ == '#') {
+        instance();
+        if (failure_) return true;
+        continue;
+      }
+      if (kClass[static_cast<std::uint8_t>(*p_)] & c_name) {
+        const char* b = p_;
+        const std::string_view word = name();
+        if (word == "ENDSEC") {
+          skip_to_semicolon();
+          return true;
+        }
+        if (word == "END-ISO-10303-21") {
+          p_ = b;
+          return true;
+        }
+        fault(0, "unexpected word in the DATA section");
+        continue;
+      }
+      if (*p_ != ';') fault(0, "unexpected byte in the DATA section");
+      ++p_;
+    }
+  }
+
+  bool digits(std::int64_t& out) {
+    const char* b = p_;
+    std::int64_t v = 0;
+    while (p_ < end_ && (kClass[static_cast<std::uint8_t>(*p_)] & c_digit)) {
+      if (v > kIdLimit / 10 - 1) return false;
+      v = 10 * v + (*p_++ - '0');
+    }
+    out = v;
+    return p_ > b;
+  }
+
+  void instance() {
+    const std::uint32_t line = line_;
+    ++p_;
+    std::int64_t id = 0;
+    if (!digits(id)) {
+      fault(0, "an instance without a usable id");
+      return skip_to_semicolon();
+    }
+    skip();
+    if (p_ >= end_ || *p_ != '=') {
+      fault(id, "'=' is missing after the id");
+      return skip_to_semicolon();
+    }
+    ++p_;
+    skip();
+    if (p_ < end_ && *p_ == '&') {  // &SCOPE .. ENDSCOPE
+      skip_to_semicolon();
+      return;
+    }
+    const std::size_t values_before = file_.values.size(), records_before = file_.records.size();
+    bool ok = true;
+    if (p_ < end_ && *p_ == '(') {
+      ++p_;
+      for (;;) {
+        skip();
+        if (p_ < end_ && *p_ == ')') {
+          ++p_;
+          break;
+        }
+        if (p_ >= end_ || !record()) {
+          ok = false;
+          break;
+        }
+        if (file_.records.size() - records_before > 1000) {
+          fault_text_ = "more than 1000 parts in one complex instance";
+          ok = false;
+          break;
+        }
+      }
+    } else {
+      ok = record();
+    }
+    if (ok) {
+      skip();
+      if (p_ >= end_ || *p_ != ';') {
+        ok = false;
+        fault_text_ = "';' is missing at the end of the instance";
+      } else {
+        ++p_;
+      }
+    }
+    if (!ok) {
+      fault(id, fault_text_.empty() ? "broken parameter list" : fault_text_);
+      fault_text_.clear();
+      file_.values.resize(values_before), file_.records.resize(records_before);
+      skip_to_semicolon();
+      return;
+    }
+    if (file_.values.size() > 0xfffffff0u) {
+      failure_ = Failure{"step.limits", line_, "more than 4e9 values"};
+      return;
+    }
+    file_.instances.push_back(
+        {id, line, static_cast<std::uint32_t>(records_before), static_cast<std::uint32_t>(file_.records.size() - records_before)});
+  }
+
+  bool record() {
+    const std::string_view word = name();
+    if (word.empty()) {
+      fault_text_ = "an entity name is missing";
+      return false;
+    }
+    Record r;
+    r.keyword = keyword(word);
+    skip();
+    if (p_ >= end_ || *p_ != '(') {
+      fault_text_ = "'(' is missing after the entity name";
+      return false;
+    }
+    r.first = file_.values.size();
+    if (!parameters(r.count)) return false;
+    file_.records.push_back(r);
+    return true;
+  }
+  std::uint32_t keyword(std::string_view word) {
+    for (char c : word)
+      if (c >= 'a' && c <= 'z') {  // rare: fold to upper case, keep the text alive in a side table
+        std::string up(word);
+        for (char& u : up)
+          if (u >= 'a' && u <= 'z') u = static_cast<char>(u - 32);
+        for (std::uint32_t k = 0; k < K_known_count; ++k)
+          if (kNames[k] == up) return k;
+        break;
+      }
+    return keywords_.id(word);
+  }
+
+  /// p_ on '('; reads to the matching ')'. Values go flat into the array; open lists are on a small stack.
+  bool parameters(std::uint32_t& count) {
+    struct Open {
+      std::size_t at;  // index of the list value, or -1 for the outermost
+      std::uint32_t elements;
+      bool is_typed;
+    };
+    Open stack[kDepthLimit + 1];
+    int depth = 0;
+    stack[0] = {static_cast<std::size_t>(-1), 0, false};
+    ++p_;
+    auto& values = file_.values;
+    bool expect_value = true;
+    for (;;) {
+      skip();
+      if (p_ >= end_) {
+        fault_text_ = "the file ends inside a parameter list";
+        return false;
+      }
+      const char c = *p_;
+      if (c == ')') {
+        ++p_;
+        if (depth == 0) {
+          count = stack[0].elements;
+          return true;
+        }
+        Value& v = values[stack[depth].at];
+        v.size = stack[depth].elements;
+        v.inside = values.size() - stack[depth].at - 1;
+        if (stack[depth].is_typed) values[stack[depth].at - 1].inside = values.size() - stack[depth].at;
+        --depth;
+        expect_value = false;
+        continue;
+      }
+      if (c == ',') {
+        ++p_;
+        expect_value = true;
+        continue;
+      }
+      if (!expect_value) {
+        fault_text_ = "',' or ')' expected";
+        return false;
+      }
+      if (++stack[depth].elements > kListLimit) {
+        fault_text_ = "a list with more than 1e7 elements";
+        return false;
+      }
+      expect_value = false;
+      values.emplace_back();
+      Value& v = values.back();
+      if (c == '#') {
+        ++p_;
+        v.kind = Kind::reference;
+        if (!digits(v.integer)) {
+          fault_text_ = "a reference without a usable id";
+          return false;
+        }
+      } else if ((kClass[static_cast<std::uint8_t>(c)] & c_digit) || c == '-' || c == '+' || c == '.') {
+        if (c == '.' && !(p_ + 1 < end_ && (kClass[static_cast<std::uint8_t>(p_[1])] & c_digit))) {
+          const char* b = ++p_;
+          while (p_ < end_ && *p_ != '.' && (kClass[static_cast<std::uint8_t>(*p_)] & c_name)) ++p_;
+          if (p_ >= end_ || *p_ != '.') {
+            fault_text_ = "an enumeration without its closing point";
+            return false;
+          }
+          v.kind = Kind::enumeration;
+          v.size = static_cast<std::uint32_t>(p_ - b);
+          v.offset = static_cast<std::uint64_t>(b - begin_);
+          ++p_;
+        } else if (!number(v)) {
+          return false;
+        }
+      } else if (c == '\'') {
+        const char* b = p_ + 1;
+        skip_string();
+        if (p_ >= end_) {
+          fault_text_ = "the file ends inside a string";
+          return false;
+        }
+        v.kind = Kind::string;
+        v.size = static_cast<std::uint32_t>(p_ - b - 1);
+        v.offset = static_cast<std::uint64_t>(b - begin_);
+      } else if (c == '(') {
+        ++p_;
+        if (depth == kDepthLimit) {
+          fault_text_ = "lists nested deeper than 64";
+          return false;
+        }
+        v.kind = Kind::list;
+        stack[++depth] = {values.size() - 1, 0, false};
+        expect_value = true;
+      } else if (c == '$') {
+        ++p_;
+      } else if (c == '*') {
+        ++p_;
+        v.kind = Kind::derived;
+      } else if (c == '"') {
+        const char* b = ++p_;
+        while (p_ < end_ && *p_ != '"') ++p_;
+        if (p_ >= end_) {
+          fault_text_ = "the file ends inside a binary value";
+          return false;
+        }
+        v.kind = Kind::binary;
+        v.size = static_cast<std::uint32_t>(p_ - b);
+        v.offset = static_cast<std::uint64_t>(b - begin_);
+        ++p_;
+      } else if ((kClass[static_cast<std::uint8_t>(c)] & c_name) || c == '!') {
+        const std::string_view word = name();
+        v.kind = Kind::typed;
+        v.size = keyword(word);
+        skip();
+        if (p_ >= end_ || *p_ != '(' || depth == kDepthLimit) {
+          fault_text_ = "'(' is missing after a type name";
+          return false;
+        }
+        ++p_;
+        values.emplace_back();
+        values.back().kind = Kind::list;
+        stack[++depth] = {values.size() - 1, 0, true};
+        expect_value = true;
+      } else {
+        fault_text_ = "unexpected byte in a parameter list";
+        return false;
+      }
+    }
+  }
+
+  bool number(Value& v) {
+    const char* b = p_;
+    bool negative = false;
+    if (*p_ == '-' || *p_ == '+') negative = *p_++ == '-';
+    std::uint64_t m = 0;
+    int digits_seen = 0, exponent = 0;
+    bool exact = true, real = false;
+    const auto digit = [&](bool fraction) {
+      if (digits_seen < 18) {
+        m = 10 * m + static_cast<std::uint64_t>(*p_ - '0');
+        if (m) ++digits_seen;
+        if (fraction) --exponent;
+      } else {
+        if (*p_ != '0') exact = false;
+        if (!fraction) ++exponent;
+      }
+      ++p_;
+    };
+    const char* first = p_;
+    while (p_ < end_ && (kClass[static_cast<std::uint8_t>(*p_)] & c_digit)) digit(false);
+    if (p_ < end_ && *p_ == '.') {
+      real = true;
+      ++p_;
+      while (p_ < end_ && (kClass[static_cast<std::uint8_t>(*p_)] & c_digit)) digit(true);
+    }
+    if (p_ == first) {
+      fault_text_ = "a number without digits";
+      return false;
+    }
+    if (p_ < end_ && (*p_ == 'E' || *p_ == 'e')) {
+      real = true;
+      ++p_;
+      bool minus = false;
+      if (p_ < end_ && (*p_ == '-' || *p_ == '+')) minus = *p_++ == '-';
+      int e = 0;
+      const char* eb = p_;
+      while (p_ < end_ && (kClass[static_cast<std::uint8_t>(*p_)] & c_digit)) {
+        if (e < 100000) e = 10 * e + (*p_ - '0');
+        ++p_;
+      }
+      if (p_ == eb) {
+        fault_text_ = "an exponent without digits";
+        return false;
+      }
+      exponent += minus ? -e : e;
+    }
+    if (!real) {
+      v.kind = Kind::integer;
+      if (!exact || digits_seen >= 18) {
+        fault_text_ = "an integer with more than 17 digits";
+        return false;
+      }
+      v.integer = negative ? -static_cast<std::int64_t>(m) : static_cast<std::int64_t>(m);
+      return true;
+    }
+    v.kind = Kind::real;
+    if (exact && m <= (std::uint64_t(1) << 53) && exponent >= -22 && exponent <= 22) {  // exact by one rounding
+      const double d = static_cast<double>(m);
+      v.real = exponent < 0 ? d / kPow10[-exponent] : d * kPow10[exponent];
+      if (negative) v.real = -v.real;
+      return true;
+    }
+    if (*b == '+') ++b;
+    double d = 0;
+    const auto r = std::from_chars(b, p_, d);
+    if (r.ec == std::errc::result_out_of_range) {
+      d = exponent < 0 ? 0.0 : 1e308 * (negative ? -1 : 1);
+    } else if (r.ec != std::errc()) {
+      fault_text_ = "a number that cannot be read";
+      return false;
+    }
+    v.real = d;
+    return true;
+  }
+
+  void index() {
+    std::int64_t top = 0;
+    for (const Instance& i : file_.instances) top = std::max(top, i.id);
+    const std::int64_t n = static_cast<std::int64_t>(file_.instances.size());
+    if (top < 8 * n + 1024) {
+      file_.dense.assign(static_cast<std::size_t>(top) + 1, -1);
+      for (std::int64_t k = 0; k < n; ++k) {
+        auto& slot = file_.dense[static_cast<std::size_t>(file_.instances[k].id)];
+        if (slot >= 0) duplicate(file_.instances[k]);
+        else slot = static_cast<std::int32_t>(k);
+      }
+    } else {
+      for (std::int64_t k = 0; k < n; ++k) file_.sparse.emplace_back(file_.instances[k].id, static_cast<std::int32_t>(k));
+      std::stable_sort(file_.sparse.begin(), file_.sparse.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+      for (std::size_t k = 1; k < file_.sparse.size(); ++k)
+        if (file_.sparse[k].first == file_.sparse[k - 1].first) duplicate(file_.instances[file_.sparse[k].second]);
+    }
+  }
+  void duplicate(const Instance& i) {
+    ++file_.faults_count;
+    if (file_.faults.size() < 100) file_.faults.push_back({i.line, i.id, "the id is used twice; the first one counts"});
+  }
+
+  File& file_;
+  const char *begin_, *p_, *end_;
+  std::uint32_t line_ = 1;
+  std::string fault_text_;
+  std::optional<Failure> failure_;
+  Keywords keywords_;
+};
+
+}  // namespace
+
+std::string_view known_keyword(std::uint32_t k) { return kNames[k]; }
+
+std::optional<Failure> parse(std::string_view bytes, File& file) { return Parser(bytes, file).run(); }
+
+const Instance* File::find(std::int64_t id) const {
+  if (!dense.empty()) {
+    if (id < 0 || static_cast<std::size_t>(id) >= dense.size() || dense[static_cast<std::size_t>(id)] < 0) return nullptr;
+    return &instances[static_cast<std::size_t>(dense[static_cast<std::size_t>(id)])];
+  }
+  const auto it = std::lower_bound(sparse.begin(), sparse.end(), id, [](const auto& a, std::int64_t b) { return a.first < b; });
+  return it != sparse.end() && it->first == id ? &instances[static_cast<std::size_t>(it->second)] : nullptr;
+}
+
+std::string_view File::keyword_name(std::uint32_t k) const {
+  if (k < K_known_count) return kNames[k];
+  return k - K_known_count < extra.size() ? extra[k - K_known_count] : std::string_view("?");
+}
+
+std::string decoded(std::string_view raw) {
+  std::string out;
+  out.reserve(raw.size());
+  const auto utf8 = [&](std::uint32_t c) {
+    if (c < 0x80) {
+      out += static_cast<char>(c);
+    } else if (c < 0x800) {
+      out += static_cast<char>(0xC0 | (c >> 6)), out += static_cast<char>(0x80 | (c & 63));
+    } else if (c < 0x10000) {
+      out += static_cast<char>(0xE0 | (c >> 12)), out += static_cast<char>(0x80 | ((c >> 6) & 63)), out += static_cast<char>(0x80 | (c & 63));
+    } else {
+      out += static_cast<char>(0xF0 | (c >> 18)), out += static_cast<char>(0x80 | ((c >> 12) & 63));
+      out += static_cast<char>(0x80 | ((c >> 6) & 63)), out += static_cast<char>(0x80 | (c & 63));
+    }
+  };
+  const auto hex = [&](std::size_t at, int n, std::uint32_t& v) {
+    if (at + static_cast<std::size_t>(n) > raw.size()) return false;
+    const auto r = std::from_chars(raw.data() + at, raw.data() + at + n, v, 16);
+    return r.ec == std::errc() && r.ptr == raw.data() + at + n;
+  };
+  const auto starts = [&](std::size_t at, std::string_view w) { return raw.substr(at, w.size()) == w; };
+  for (std::size_t i = 0; i < raw.size();) {
+    const auto c = static_cast<std::uint8_t>(raw[i]);
+    if (c == '\'' && i + 1 < raw.size() && raw[i + 1] == '\'') {
+      out += '\'', i += 2;
+    } else if (c == '\n' || c == '\r') {
+      ++i;
+    } else if (c == '\\') {
+      std::uint32_t v = 0;
+      if (starts(i, "\\\\")) {
+        out += '\\', i += 2;
+      } else if (starts(i, "\\X\\") && hex(i + 3, 2, v)) {
+        utf8(v), i += 5;
+      } else if (starts(i, "\\S\\") && i + 3 < raw.size()) {
+        utf8(static_cast<std::uint8_t>(raw[i + 3]) + 128u), i += 4;
+      } else if ((starts(i, "\\X2\\") || starts(i, "\\X4\\"))) {
+        const int n = raw[i + 2] == '2' ? 4 : 8;
+        std::size_t at = i + 4;
+        std::uint32_t high = 0;
+        while (hex(at, n, v)) {
+          at += static_cast<std::size_t>(n);
+          if (v >= 0xD800 && v < 0xDC00) {
+            high = v;
+          } else {
+            if (v >= 0xDC00 && v < 0xE000 && high) v = 0x10000 + ((high - 0xD800) << 10) + (v - 0xDC00);
+            high = 0;
+            if (v < 0x110000) utf8(v);
+          }
+        }
+        i = starts(at, "\\X0\\") ? at + 4 : at;
+      } else if (starts(i, "\\P") && i + 3 < raw.size() && raw[i + 3] == '\\') {
+        i += 4;
+      } else {
+        out += '\\', ++i;
+      }
+    } else if (c >= 0x80) {
+      // UTF-8 as it stands if it is well formed, else Latin-1.
+      const int more = c >= 0xF0 ? 3 : c >= 0xE0 ? 2 : c >= 0xC0 ? 1 : 0;
+      bool ok = more > 0 && i + static_cast<std::size_t>(more) < raw.size();
+      for (int k = 1; ok && k <= more; ++k) ok = (static_cast<std::uint8_t>(raw[i + static_cast<std::size_t>(k)]) & 0xC0) == 0x80;
+      if (ok) {
+        out += raw.substr(i, static_cast<std::size_t>(more) + 1), i += static_cast<std::size_t>(more) + 1;
+      } else {
+        utf8(c), ++i;
+      }
+    } else {
+      out += raw[i++];
+    }
+  }
+  return out;
+}
+
+}  // namespace asbuilt::p21

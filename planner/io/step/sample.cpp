@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "planner/io/step/sample.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace asbuilt::step {
+namespace {
+
+void bisect(const Curve& c, double ta, const CurvePoint& a, double tb, const CurvePoint& b, const Tolerance& tol, int depth,
+            std::vector<double>& out) {
+  const double tm = 0.5 * (ta + tb);
+  const CurvePoint m = evaluate(c, tm);
+  const Vec3 chord = b.p - a.p;
+  const double l = chord.norm();
+  const auto off = [&](const Vec3& p) { return l > 0 ? (p - a.p).cross(chord).norm() / l : (p - a.p).norm(); };
+  const auto turn = [](const Vec3& x, const Vec3& y) { return std::atan2(x.cross(y).norm(), x.dot(y)); };
+  bool split = off(m.p) > tol.chord_mm || (l > 1e-7 && (turn(a.d1, m.d1) > 0.5 * tol.angle_rad || turn(m.d1, b.d1) > 0.5 * tol.angle_rad) &&
+                                           off(m.p) > 1e-6 + 1e-4 * l * tol.angle_rad);
+  if (!split && depth < 3 && l > tol.chord_mm)  // an S-curve passes through the middle of its chord
+    split = std::max(off(evaluate(c, ta + 0.25 * (tb - ta)).p), off(evaluate(c, ta + 0.75 * (tb - ta)).p)) > tol.chord_mm;
+  if (split && depth < 14) {
+    bisect(c, ta, a, tm, m, tol, depth + 1, out);
+    bisect(c, tm, m, tb, b, tol, depth + 1, out);
+  } else {
+    out.push_back(tb);
+  }
+}
+
+}  // namespace
+
+std::vector<double> sample_curve(const Curve& c, double t0, double t1, const Tolerance& tol, int count_min) {
+  std::vector<double> breaks{t0};
+  const auto uniform = [&](int n) {
+    for (int i = 1; i < n; ++i) breaks.push_back(t0 + (t1 - t0) * i / n);
+    breaks.push_back(t1);
+  };
+  if (std::holds_alternative<LineCurve>(c.shape)) {
+    uniform(count_min);
+    return breaks;
+  }
+  if (const auto* q = std::get_if<CircleCurve>(&c.shape)) {
+    double step = tol.angle_rad;
+    if (q->radius_mm > 0.5 * tol.chord_mm) step = std::min(step, 2 * std::acos(std::max(0.0, 1 - tol.chord_mm / q->radius_mm)));
+    const double n = std::ceil(std::abs(t1 - t0) / std::max(step, 1e-3) - 1e-9);
+    uniform(std::clamp(static_cast<int>(n), count_min, 7000));
+    return breaks;
+  }
+  if (const auto* l = std::get_if<PolylineCurve>(&c.shape)) {
+    (void)l;
+    if (t1 > t0)
+      for (double k = std::floor(t0 + 1e-9) + 1; k < t1 - 1e-9; ++k) breaks.push_back(k);
+    else
+      for (double k = std::ceil(t0 - 1e-9) - 1; k > t1 + 1e-9; --k) breaks.push_back(k);
+    breaks.push_back(t1);
+    return breaks;
+  }
+  if (const auto* b = std::get_if<BSplineCurve>(&c.shape)) {
+    const CurveDomain d = domain(c);
+    const double low = std::min(t0, t1), high = std::max(t0, t1), eps = 1e-9 * d.period();
+    std::vector<double> inner;
+    for (int turn = -1; turn <= 1; ++turn) {
+      if (turn != 0 && !d.is_closed) continue;
+      for (std::size_t k = static_cast<std::size_t>(b->degree); k < b->knots.size() - static_cast<std::size_t>(b->degree); ++k) {
+        const double t = b->knots[k] + turn * d.period();
+        if (t > low + eps && t < high - eps && (inner.empty() || t > inner.back() + eps)) inner.push_back(t);
+      }
+    }
+    if (inner.size() > 400) {  // very many spans: let bisection find the detail
+      std::vector<double> some;
+      for (std::size_t k = 0; k < 400; ++k) some.push_back(inner[k * inner.size() / 400]);
+      inner = some;
+    }
+    if (t1 < t0) std::reverse(inner.begin(), inner.end());
+    breaks.insert(breaks.end(), inner.begin(), inner.end());
+    breaks.push_back(t1);
+  } else {
+    uniform(4);
+  }
+  while (static_cast<int>(breaks.size()) < count_min + 1) {
+    std::vector<double> finer{breaks[0]};
+    for (std::size_t i = 1; i < breaks.size(); ++i) finer.push_back(0.5 * (breaks[i - 1] + breaks[i])), finer.push_back(breaks[i]);
+    breaks = finer;
+  }
+  std::vector<double> out{t0};
+  CurvePoint a = evaluate(c, breaks[0]);
+  for (std::size_t i = 1; i < breaks.size(); ++i) {
+    const CurvePoint b = evaluate(c, breaks[i]);
+    bisect(c, breaks[i - 1], a, breaks[i], b, tol, 0, out);
+    a = b;
+  }
+  if (count_min <= 1 && out.size() > 2) {  // spans far below the tolerance are merged again
+    std::vector<double> kept{out[0]};
+    std::vector<Vec3> p;
+    for (double t : out) p.push_back(evaluate(c, t).p);
+    std::size_t last = 0;
+    for (std::size_t i = 1; i + 1 < out.size(); ++i) {
+      const Vec3 chord = p[i + 1] - p[last];
+      const double l = chord.norm();
+      double worst = 0;
+      for (std::size_t k = last + 1; k <= i; ++k) worst = std::max(worst, l > 0 ? (p[k] - p[last]).cross(chord).norm() / l : 0.0);
+      if (l < 2 * tol.chord_mm && worst < 0.2 * tol.chord_mm && i - last < 16) continue;
+      kept.push_back(out[i]), last = i;
+    }
+    kept.push_back(out.back());
+    return kept;
+  }
+  return out;
+}
+
+void sample_edges(Body& body, const Tolerance& tol, std::vector<Vec3>& vertices) {
+  vertices.clear();
+  for (const TopoVertex& v : body.vertices) vertices.push_back(v.p);
+  for (TopoEdge& e : body.edges) {
+    e.t = sample_curve(e.curve, e.t0, e.t1, tol, e.is_closed ? 4 : 1);
+    e.vertex.assign(e.t.size(), -1);
+    e.vertex.front() = e.v0, e.vertex.back() = e.v1;
+    for (std::size_t i = 1; i + 1 < e.t.size(); ++i) {
+      e.vertex[i] = static_cast<int>(vertices.size());
+      vertices.push_back(evaluate(e.curve, e.t[i]).p);
+    }
+  }
+}
+
+}  // namespace asbuilt::step

@@ -1,0 +1,407 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "planner/io/step/tessellate.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "planner/io/step/planar_mesh.hpp"
+
+namespace asbuilt::step {
+namespace {
+
+struct Step {
+  double u = 1e300, v = 1e300;  // parameter steps that keep chord and angle
+};
+
+/// Steps by the normal curvature, sampled over the parameter box of the face.
+Step curvature_step(const Chart& chart, const Vec2& low, const Vec2& high, const Tolerance& tol) {
+  Step s;
+  constexpr int n = 4;
+  for (int i = 0; i <= n; ++i)
+    for (int j = 0; j <= n; ++j) {
+      Vec2 w(low.x() + (high.x() - low.x()) * (i + 0.01) / (n + 0.02), low.y() + (high.y() - low.y()) * (j + 0.01) / (n + 0.02));
+      if (chart.domain->is_periodic_u && chart.domain->u1 > chart.domain->u0)
+        w.x() -= (chart.domain->u1 - chart.domain->u0) * std::floor((w.x() - chart.domain->u0) / (chart.domain->u1 - chart.domain->u0));
+      if (chart.domain->is_periodic_v && chart.domain->v1 > chart.domain->v0)
+        w.y() -= (chart.domain->v1 - chart.domain->v0) * std::floor((w.y() - chart.domain->v0) / (chart.domain->v1 - chart.domain->v0));
+      const SurfaceJet k = evaluate_jet(*chart.surface, w.x(), w.y());
+      const Vec3 m = k.du.cross(k.dv);
+      if (m.norm() <= 0) continue;
+      const Vec3 normal = m.normalized();
+      const double l = std::abs(normal.dot(k.duu)), q = std::abs(normal.dot(k.dvv));
+      const double nu = k.du.norm(), nv = k.dv.norm();
+      if (l > 1e-12) s.u = std::min({s.u, std::sqrt(8 * tol.chord_mm / l), tol.angle_rad * nu / l});
+      if (q > 1e-12) s.v = std::min({s.v, std::sqrt(8 * tol.chord_mm / q), tol.angle_rad * nv / q});
+    }
+  return s;
+}
+
+class FaceMesher {
+ public:
+  FaceMesher(const Body& body, int face, const Tolerance& tol, BodyMesh& mesh) : body_(body), face_(face), tol_(tol), mesh_(mesh) {}
+
+  /// False: the face could not be meshed this way; `why` says what happened.
+  bool run(std::string& why) {
+    const std::size_t vertices_before = mesh_.vertices.size();
+    FaceChart f = flatten_face(body_, face_, tol_, mesh_.vertices);
+    const bool ok = f.fault.empty() && (f.is_whole_surface ? whole(f.chart, why) : region(f, why));
+    if (!f.fault.empty()) why = f.fault;
+    if (!ok) mesh_.vertices.resize(vertices_before);
+    return ok;
+  }
+
+ private:
+  bool is_flipped() const { return !body_.faces[static_cast<std::size_t>(face_)].same_sense; }
+
+  void emit(int a, int b, int c) {
+    if (a == b || b == c || c == a) return;
+    if (is_flipped()) std::swap(b, c);
+    mesh_.triangles.push_back({a, b, c});
+    mesh_.face.push_back(face_);
+  }
+
+  /// Area and volume integrals over a chart triangle, three-point rule.
+  void integrate(const Chart& chart, const Vec2& a, const Vec2& b, const Vec2& c) {
+    const double size = 0.5 * ((b.x() - a.x()) * (c.y() - a.y()) - (b.y() - a.y()) * (c.x() - a.x()));
+    const Vec2 m[3] = {(4 * a + b + c) / 6, (a + 4 * b + c) / 6, (a + b + 4 * c) / 6};
+    for (const Vec2& q : m) add(chart, q, size / 3);
+  }
+  void add(const Chart& chart, const Vec2& q, double weight) {
+    const Chart::Jet j = chart.at(q);
+    const Vec3 n = j.d0.cross(j.d1);
+    area_ += weight * n.norm();
+    volume_ += weight * n.dot(j.p - mesh_.origin) / 3;
+  }
+  void store() {
+    mesh_.area_mm2[static_cast<std::size_t>(face_)] = area_;
+    mesh_.volume_mm3[static_cast<std::size_t>(face_)] = is_flipped() ? -volume_ : volume_;
+  }
+
+  /// A surface without any border: a grid that closes on itself.
+  bool whole(Chart& chart, std::string& why) {
+    const SurfaceDomain d = *chart.domain;
+    const bool closed_v = d.is_periodic_v || (d.is_pole_v0 && d.is_pole_v1), closed_u = d.is_periodic_u || (d.is_pole_u0 && d.is_pole_u1);
+    if (!(closed_u && closed_v)) {
+      why = "the face has no border and its surface is not closed";
+      return false;
+    }
+    const Step s = curvature_step(chart, {d.u0, d.v0}, {d.u1, d.v1}, tol_);
+    const auto count = [](double span, double step) { return std::clamp(static_cast<int>(std::ceil(span / std::max(step, 1e-300))), 6, 400); };
+    const int nu = count(d.u1 - d.u0, s.u), nv = count(d.v1 - d.v0, s.v);
+    std::vector<int> id(static_cast<std::size_t>((nu + 1) * (nv + 1)));
+    const auto at = [&](int i, int j) -> int& { return id[static_cast<std::size_t>(i * (nv + 1) + j)]; };
+    const auto uv = [&](int i, int j) { return Vec2(d.u0 + (d.u1 - d.u0) * i / nu, d.v0 + (d.v1 - d.v0) * j / nv); };
+    for (int i = 0; i <= nu; ++i)
+      for (int j = 0; j <= nv; ++j) {
+        if (i == nu && d.is_periodic_u) at(i, j) = at(0, j);
+        else if (j == nv && d.is_periodic_v) at(i, j) = at(i, 0);
+        else if (j == 0 && d.is_pole_v0 && i > 0) at(i, j) = at(0, j);
+        else if (j == nv && d.is_pole_v1 && i > 0) at(i, j) = at(0, j);
+        else if (i == 0 && d.is_pole_u0 && j > 0) at(i, j) = at(i, 0);
+        else if (i == nu && d.is_pole_u1 && j > 0) at(i, j) = at(i, 0);
+        else at(i, j) = static_cast<int>(mesh_.vertices.size()), mesh_.vertices.push_back(evaluate_jet(*chart.surface, uv(i, j).x(), uv(i, j).y()).p);
+      }
+    for (int i = 0; i < nu; ++i)
+      for (int j = 0; j < nv; ++j) {
+        emit(at(i, j), at(i + 1, j), at(i + 1, j + 1));
+        emit(at(i, j), at(i + 1, j + 1), at(i, j + 1));
+        integrate(chart, uv(i, j), uv(i + 1, j), uv(i + 1, j + 1));
+        integrate(chart, uv(i, j), uv(i + 1, j + 1), uv(i, j + 1));
+      }
+    store();
+    return true;
+  }
+
+  bool region(FaceChart& f, std::string& why) {
+    Chart& chart = f.chart;
+    Vec2 low = Vec2::Constant(1e300), high = Vec2::Constant(-1e300);
+    for (const ChartLoop& l : f.loops)
+      for (const ChartPoint& p : l) low = low.cwiseMin(p.q), high = high.cwiseMax(p.q);
+    bool want_grid = false;
+    if (!chart.is_plane && !chart.is_stereographic) {
+      Vec2 uv_low = low, uv_high = high;
+      if (chart.is_turned) uv_low = {-high.y(), low.x()}, uv_high = {-low.y(), high.x()};
+      Step s = curvature_step(chart, uv_low, uv_high, tol_);
+      // Near-isometry with a bounded stretch: flat directions take longer triangles.
+      const Vec2 mid = 0.5 * (uv_low + uv_high);
+      const SurfaceJet j = evaluate_jet(*chart.surface, mid.x(), mid.y());
+      const double nu = std::max(j.du.norm(), 1e-12), nv = std::max(j.dv.norm(), 1e-12);
+      want_grid = s.u < uv_high.x() - uv_low.x() && s.v < uv_high.y() - uv_low.y();
+      constexpr double stretch = 8;
+      double lu = s.u * nu, lv = s.v * nv;
+      if (lu > 1e200 && lv > 1e200) lu = lv = 1;
+      lu = std::min(lu, stretch * lv), lv = std::min(lv, stretch * lu);
+      s.u = lu / nu, s.v = lv / nv;
+      chart.scale = chart.is_turned ? Vec2(1 / s.v, 1 / s.u) : Vec2(1 / s.u, 1 / s.v);
+    } else if (chart.is_stereographic) {
+      const double r = chart.radius_mm;
+      double step = std::min(tol_.angle_rad, r > 0.5 * tol_.chord_mm ? 2 * std::acos(std::max(0.0, 1 - tol_.chord_mm / r)) : 1.0);
+      chart.scale = Vec2::Constant(1 / std::max(1e-9, r * step));
+      want_grid = true;
+    }
+    std::vector<Vec2> q;
+    std::vector<int> id;
+    std::vector<std::array<int, 2>> segments;
+    double lens_sign = 1;
+    (void)lens_sign;
+    std::vector<std::pair<Vec2, double>> lenses;  // chart middle, signed lens size
+    double total = 0;
+    for (const ChartLoop& l : f.loops) {
+      const int first = static_cast<int>(q.size()), n = static_cast<int>(l.size());
+      for (const ChartPoint& p : l) q.push_back(p.q.cwiseProduct(chart.scale)), id.push_back(p.vertex);
+      for (int i = 0; i < n; ++i) {
+        const int a = first + i, b = first + (i + 1) % n;
+        segments.push_back({a, b});
+        const Vec2 &qa = q[static_cast<std::size_t>(a)], &qb = q[static_cast<std::size_t>(b)];
+        const Vec2 o = q[0];
+        total += 0.5 * ((qa - o).x() * (qb - o).y() - (qa - o).y() * (qb - o).x());
+        if (l[static_cast<std::size_t>(i)].has_mid) {
+          const Vec2 m = l[static_cast<std::size_t>(i)].q_mid.cwiseProduct(chart.scale);
+          // Signed area between the chord a-b and the parabola through a, m, b; positive to the right of the walk (outside).
+          const double twice = (m.x() - qa.x()) * (qb.y() - qa.y()) - (m.y() - qa.y()) * (qb.x() - qa.x());
+          lenses.emplace_back(m, 2.0 / 3.0 * twice);
+        }
+      }
+    }
+    if (!(std::abs(total) > 0) || !std::isfinite(total)) {
+      why = "the flattened border encloses no area";
+      return false;
+    }
+    PlanarMesh planar;
+    const std::vector<int> alias = merge_equal(q, id, segments);
+    const int faults = planar.build(q, segments);
+    if (faults > 0) crossings_ = faults;
+    const auto vertex_of = [&](int k) -> int {
+      if (static_cast<std::size_t>(k) < id.size()) return id[static_cast<std::size_t>(k)];
+      return -1;
+    };
+    const auto extend = [&] {  // mesh vertices for points the triangulation has and we do not
+      for (int k = static_cast<int>(id.size()); k < planar.size(); ++k) {
+        q.push_back(planar.point(k));
+        id.push_back(static_cast<int>(mesh_.vertices.size()));
+        mesh_.vertices.push_back(chart.at(q.back()).p);
+      }
+    };
+    extend();
+    if (want_grid) grid(chart, planar, low, high);
+    extend();
+    PlanarMesh::Inside in = planar.inside();
+    if (!chart.is_plane) {
+      std::size_t budget = 40000;
+      for (int round = 0; round < 10; ++round) {
+        std::vector<Vec2> more;
+        for (std::size_t t = 0; t < in.triangles.size(); ++t) refine(chart, q, id, in.triangles[t], in.is_border[t], more);
+        if (more.empty()) break;
+        std::sort(more.begin(), more.end(), [](const Vec2& a, const Vec2& b) { return a.x() != b.x() ? a.x() < b.x() : a.y() < b.y(); });
+        more.erase(std::unique(more.begin(), more.end(), [](const Vec2& a, const Vec2& b) { return (a - b).norm() < 1e-9; }), more.end());
+        if (more.size() > budget) more.resize(budget);
+        budget -= more.size();
+        planar.insert(more);
+        extend();
+        in = planar.inside();
+        if (budget == 0) break;
+      }
+    }
+    if (in.triangles.empty()) {
+      why = "the flattened border encloses no triangles";
+      return false;
+    }
+    for (const auto& t : in.triangles) {
+      emit(vertex_of(t[0]), vertex_of(t[1]), vertex_of(t[2]));
+      if (chart.is_plane) {
+        const Vec2 &a = q[static_cast<std::size_t>(t[0])], &b = q[static_cast<std::size_t>(t[1])], &c = q[static_cast<std::size_t>(t[2])];
+        area_ += 0.5 * ((b - a).x() * (c - a).y() - (b - a).y() * (c - a).x());
+      } else {
+        integrate(chart, q[static_cast<std::size_t>(t[0])], q[static_cast<std::size_t>(t[1])], q[static_cast<std::size_t>(t[2])]);
+      }
+    }
+    // A loop walked the wrong way round (interior on the right) would turn the sign of the lenses.
+    const double sign = total > 0 ? 1 : -1;
+    if (chart.is_plane) {
+      for (const auto& [m, size] : lenses) area_ += sign * size;
+      const auto& at = std::get<PlaneSurface>(chart.surface->shape).at;
+      volume_ = area_ * at.z.dot(at.origin - mesh_.origin) / 3;
+    } else {
+      for (const auto& [m, size] : lenses) add(chart, m, sign * size);
+    }
+    wrong_way_ = total < 0;
+    store();
+    (void)alias;
+    return true;
+  }
+
+  /// Nothing is merged; kept as the place where equal chart points with equal mesh vertices become one.
+  static std::vector<int> merge_equal(std::vector<Vec2>& q, std::vector<int>& id, std::vector<std::array<int, 2>>& segments) {
+    std::vector<int> order(q.size()), alias(q.size());
+    for (std::size_t i = 0; i < q.size(); ++i) order[i] = static_cast<int>(i);
+    std::sort(order.begin(), order.end(), [&](int a, int b) {
+      const Vec2 &x = q[static_cast<std::size_t>(a)], &y = q[static_cast<std::size_t>(b)];
+      return x.x() != y.x() ? x.x() < y.x() : x.y() != y.y() ? x.y() < y.y() : a < b;
+    });
+    std::vector<int> root(q.size());
+    for (std::size_t k = 0; k < order.size(); ++k) {
+      const auto i = static_cast<std::size_t>(order[k]);
+      root[i] = order[k];
+      if (k > 0 && q[i] == q[static_cast<std::size_t>(order[k - 1])]) root[i] = root[static_cast<std::size_t>(order[k - 1])];
+    }
+    std::vector<Vec2> q2;
+    std::vector<int> id2;
+    for (std::size_t i = 0; i < q.size(); ++i)
+      if (root[i] == static_cast<int>(i)) alias[i] = static_cast<int>(q2.size()), q2.push_back(q[i]), id2.push_back(id[i]);
+    for (std::size_t i = 0; i < q.size(); ++i) alias[i] = alias[static_cast<std::size_t>(root[i])];
+    for (auto& s : segments) s = {alias[static_cast<std::size_t>(s[0])], alias[static_cast<std::size_t>(s[1])]};
+    q = std::move(q2), id = std::move(id2);
+    return alias;
+  }
+
+  void grid(const Chart& chart, PlanarMesh& planar, const Vec2& low, const Vec2& high) const {
+    const Vec2 a = low.cwiseProduct(chart.scale), b = high.cwiseProduct(chart.scale);
+    double step = 1;
+    while ((b.x() - a.x()) / step * ((b.y() - a.y()) / step) > 60000) step *= 1.5;
+    std::vector<Vec2> points;
+    int row = 0;
+    for (double y = a.y() + 0.5 * step; y < b.y(); y += step, ++row)
+      for (double x = a.x() + (row % 2 ? 0.5 : 1.0) * step; x < b.x(); x += step) points.push_back({x, y});
+    planar.insert(planar.filter_inside(points, 0.45 * step));
+  }
+
+  /// Points where the triangle leaves the surface by more than the chord tolerance.
+  void refine(const Chart& chart, const std::vector<Vec2>& q, const std::vector<int>& id, const std::array<int, 3>& t,
+              const std::array<bool, 3>& is_border, std::vector<Vec2>& more) {
+    double worst = tol_.chord_mm;
+    Vec2 pick;
+    bool found = false;
+    for (int k = 0; k < 3; ++k) {
+      const auto a = static_cast<std::size_t>(t[static_cast<std::size_t>(k)]), b = static_cast<std::size_t>(t[static_cast<std::size_t>((k + 1) % 3)]);
+      if (is_border[static_cast<std::size_t>(k)] || id[a] == id[b]) continue;
+      const Vec2 m = 0.5 * (q[a] + q[b]);
+      const double e = off(chart, m, 0.5 * (mesh_.vertices[static_cast<std::size_t>(id[a])] + mesh_.vertices[static_cast<std::size_t>(id[b])]));
+      if (e > worst) worst = e, pick = m, found = true;
+    }
+    if (!found) {
+      const auto a = static_cast<std::size_t>(t[0]), b = static_cast<std::size_t>(t[1]), c = static_cast<std::size_t>(t[2]);
+      if (id[a] == id[b] || id[b] == id[c] || id[c] == id[a]) return;
+      const Vec2 m = (q[a] + q[b] + q[c]) / 3;
+      const Vec3 p = (mesh_.vertices[static_cast<std::size_t>(id[a])] + mesh_.vertices[static_cast<std::size_t>(id[b])] +
+                      mesh_.vertices[static_cast<std::size_t>(id[c])]) / 3;
+      if (off(chart, m, p) > 1.3 * tol_.chord_mm) pick = m, found = true;
+    }
+    if (found) more.push_back(pick);
+  }
+  double off(const Chart& chart, const Vec2& m, const Vec3& p) const {
+    const Chart::Jet j = chart.at(m);
+    const Vec3 n = j.d0.cross(j.d1);
+    const double l = n.norm();
+    return l > 0 ? std::abs(n.dot(j.p - p)) / l : 0;
+  }
+
+  const Body& body_;
+  int face_;
+  Tolerance tol_;
+  BodyMesh& mesh_;
+  double area_ = 0, volume_ = 0;
+
+ public:
+  int crossings_ = 0;
+  bool wrong_way_ = false;
+};
+
+/// Best-fit plane of the border: keeps the shell closed where the exact surface could not be used.
+bool flat_fallback(const Body& body, int face, BodyMesh& mesh) {
+  const TopoFace& f = body.faces[static_cast<std::size_t>(face)];
+  std::vector<std::vector<int>> loops;
+  Vec3 normal = Vec3::Zero(), center = Vec3::Zero();
+  int n = 0;
+  for (const TopoLoop& l : f.loops) {
+    std::vector<int> ids;
+    for (const EdgeUse& u : l.uses) {
+      const TopoEdge& e = body.edges[static_cast<std::size_t>(u.edge)];
+      for (std::size_t i = 0; i + 1 < e.vertex.size(); ++i) ids.push_back(u.is_forward ? e.vertex[i] : e.vertex[e.vertex.size() - 1 - i]);
+    }
+    for (std::size_t i = 0; i < ids.size(); ++i) {
+      const Vec3 &a = mesh.vertices[static_cast<std::size_t>(ids[i])], &b = mesh.vertices[static_cast<std::size_t>(ids[(i + 1) % ids.size()])];
+      normal += (a - mesh.vertices[static_cast<std::size_t>(ids[0])]).cross(b - mesh.vertices[static_cast<std::size_t>(ids[0])]);
+      center += a, ++n;
+    }
+    if (!ids.empty()) loops.push_back(std::move(ids));
+  }
+  if (n < 3 || !(normal.norm() > 0)) return false;
+  center /= n;
+  const Eigen::Quaterniond r = quat_from_z(normal.normalized(), Vec3::UnitX()).conjugate();
+  std::vector<Vec2> q;
+  std::vector<int> id;
+  std::vector<std::array<int, 2>> segments;
+  for (const auto& l : loops) {
+    const int first = static_cast<int>(q.size());
+    for (int v : l) q.push_back((r * (mesh.vertices[static_cast<std::size_t>(v)] - center)).head<2>()), id.push_back(v);
+    for (int i = 0; i < static_cast<int>(l.size()); ++i) segments.push_back({first + i, first + (i + 1) % static_cast<int>(l.size())});
+  }
+  PlanarMesh planar;
+  planar.build(q, segments);
+  for (int k = static_cast<int>(id.size()); k < planar.size(); ++k) {
+    id.push_back(static_cast<int>(mesh.vertices.size()));
+    const Vec2 p = planar.point(k);
+    mesh.vertices.push_back(center + r.conjugate() * Vec3(p.x(), p.y(), 0));
+  }
+  double area = 0, volume = 0;
+  for (const auto& t : planar.inside().triangles) {
+    const std::array<int, 3> v{id[static_cast<std::size_t>(t[0])], id[static_cast<std::size_t>(t[1])], id[static_cast<std::size_t>(t[2])]};
+    if (v[0] == v[1] || v[1] == v[2] || v[2] == v[0]) continue;
+    mesh.triangles.push_back(v), mesh.face.push_back(face);
+    const Vec3 a = mesh.vertices[static_cast<std::size_t>(v[0])] - mesh.origin, b = mesh.vertices[static_cast<std::size_t>(v[1])] - mesh.origin,
+               c = mesh.vertices[static_cast<std::size_t>(v[2])] - mesh.origin;
+    area += 0.5 * (b - a).cross(c - a).norm();
+    volume += a.dot(b.cross(c)) / 6;
+  }
+  mesh.area_mm2[static_cast<std::size_t>(face)] = area, mesh.volume_mm3[static_cast<std::size_t>(face)] = volume;
+  return area > 0;
+}
+
+}  // namespace
+
+BodyMesh tessellate(Body& body, const Tolerance& tol) {
+  BodyMesh mesh;
+  sample_edges(body, tol, mesh.vertices);
+  Box3 box;
+  for (const Vec3& v : mesh.vertices) box.extend(v);
+  if (!box.is_empty()) mesh.origin = box.center_mm();
+  mesh.area_mm2.assign(body.faces.size(), 0), mesh.volume_mm3.assign(body.faces.size(), 0);
+  for (std::size_t k = 0; k < body.faces.size(); ++k) {
+    TopoFace& f = body.faces[k];
+    std::string why = f.fault;
+    if (f.surface >= 0) {
+      FaceMesher m(body, static_cast<int>(k), tol, mesh);
+      why.clear();
+      if (m.run(why)) {
+        if (m.crossings_ > 0 && f.fault.empty()) f.fault = "its border crosses itself " + std::to_string(m.crossings_) + " times";
+        continue;
+      }
+    }
+    if (f.loops.empty() || !flat_fallback(body, static_cast<int>(k), mesh)) why += "; left out of the mesh";
+    else why += "; meshed flat";
+    f.fault = why;
+  }
+  mesh.chord_max_mm = tol.chord_mm;
+  return mesh;
+}
+
+int count_open_edges(const std::vector<std::array<int, 3>>& triangles) {
+  std::vector<std::uint64_t> sides;
+  sides.reserve(3 * triangles.size());
+  for (const auto& t : triangles)
+    for (std::size_t k = 0; k < 3; ++k) {
+      const auto a = static_cast<std::uint32_t>(t[k]), b = static_cast<std::uint32_t>(t[(k + 1) % 3]);
+      sides.push_back(a < b ? (std::uint64_t(a) << 33 | std::uint64_t(b) << 1) : (std::uint64_t(b) << 33 | std::uint64_t(a) << 1 | 1));
+    }
+  std::sort(sides.begin(), sides.end());
+  int open = 0;
+  for (std::size_t i = 0; i < sides.size();) {
+    const std::uint64_t pair = sides[i] >> 1;
+    int balance = 0;
+    for (; i < sides.size() && sides[i] >> 1 == pair; ++i) balance += sides[i] & 1 ? -1 : 1;
+    open += std::abs(balance);
+  }
+  return open;
+}
+
+}  // namespace asbuilt::step
