@@ -1,5 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// A post: a pair of functions for one controller dialect. The reader shares nothing with the writer.
+// A post: functions for one controller dialect. `write` turns a neutral program into the controller's files, `read` turns files
+// back into a neutral program, `lint` checks the dialect's rules on the files. The reader shares nothing with the writer: the
+// writer's helpers are in writing.hpp, the readers' in reading.hpp, and no file includes both.
+//
+// Frames: the neutral program holds every pose in base. A dialect prints points in the frame of the last SetFrame, relative to
+// that frame *as printed*; what is read back therefore differs from the plan by rounding of the point alone: each coordinate in
+// the printed frame by at most half of position_step_mm (a distance by at most sqrt(3)/2 of it), each printed angle by half of
+// angle_step_rad.
 #pragma once
 
 #include <string_view>
@@ -22,10 +29,15 @@ struct Post {
   Language language;
   std::string_view title, extension;
   double position_step_mm, angle_step_rad, speed_step_mm_s;  // last printed digit
+  /// Frames: in base. Units: mm, rad, mm/s. Refuses: post.* (a missing machine value, what the dialect cannot say).
   Result<ProgramText> (*write)(const Program&, const PostContext&);
+  /// Frames: out base. Refuses: read.* with "file:line" for every token outside the read subset.
   Result<Program> (*read)(const ProgramText&, const PostContext&);
-  /// The dialect's lint rules on the text alone, each a named check ("lint.K-05").
+  /// The dialect's lint rules on the text alone, each a named check ("lint.K-05"). Rules that only warn always pass and carry
+  /// the number of findings in `measured` and the first place in `where`.
   std::vector<Check> (*lint)(const ProgramText&, const PostContext&);
+  /// Last printed digit of each joint, rad; pulses differ from robot to robot.
+  JointVector (*joint_step_rad)(const PostContext&);
 };
 
 const std::vector<Post>& posts();

@@ -1,0 +1,447 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Yaskawa INFORM -> neutral program. A whitelist written from dialect.md: jobs with their position block, MOVJ from pulses,
+// MOVL and MOVC from Cartesian positions in BASE, ROBOT or USER (with UFRAME.CND), DOUT, AOUT, TIMER, CALL, comments.
+// An instruction outside it is a refusal with file and line, never a guess.
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <set>
+
+#include "postprocessors/inform/inform.hpp"
+#include "postprocessors/reading.hpp"
+
+namespace asbuilt::inform {
+namespace {
+
+using namespace reading;
+
+struct Position {
+  bool is_joint = false;
+  std::array<double, 6> q_deg{};
+  Pose<frame::Work, frame::Tool> T_work_tool;
+  int user = -1;  // user frame number; -1: base
+  int tool = 0;
+  int uses = 0;
+  Line line;
+};
+struct Job {
+  std::string name;
+  Line head;
+  std::map<std::string, Position> positions;
+  std::vector<Line> instructions;
+};
+
+class Reader {
+ public:
+  Reader(const ProgramText& text, const PostContext& context) : text_(text), context_(context), build_(context) {}
+
+  Program read() {
+    std::string first;
+    for (const ProgramFile& f : text_.files)
+      if (ends_with(f.name, ".CND")) load_frames(f);
+    for (const ProgramFile& f : text_.files) {
+      if (ends_with(f.name, ".CND")) continue;
+      if (!ends_with(f.name, ".JBI")) fail({&f.name, 0, {}}, "read.file", "an INFORM program consists of .JBI and .CND files");
+      const std::string name = load(f);
+      if (first.empty()) first = name;
+    }
+    if (first.empty()) fail({}, "read.missing", "no .JBI file");
+    build_.program.name = first;
+    run(jobs_.at(first), true);
+    return std::move(build_.program);
+  }
+
+ private:
+  const ProgramText& text_;
+  const PostContext& context_;
+  Builder build_;
+  std::map<std::string, Job> jobs_;
+  std::map<int, Pose<frame::Base, frame::Work>> user_frames_;
+  std::set<std::string> running_;
+  std::optional<Position> last_;      // the last path target
+  int arc_points_ = 0;                // MOVC seen in the present run
+  Position arc_via_;
+  bool has_body_ = false;             // something other than a header line has been read
+
+  static bool ends_with(std::string_view name, std::string_view end) {
+    if (name.size() < end.size()) return false;
+    for (std::size_t i = 0; i < end.size(); ++i) {
+      char c = name[name.size() - end.size() + i];
+      if (c >= 'a' && c <= 'z') c = static_cast<char>(c - 'a' + 'A');
+      if (c != end[i]) return false;
+    }
+    return true;
+  }
+
+  // ---------------------------------------------------------------- files
+  void need_line_ends(const ProgramFile& f) {
+    int number = 1;
+    for (std::size_t i = 0; i < f.bytes.size(); ++i) {
+      if (f.bytes[i] == '\n' && (i == 0 || f.bytes[i - 1] != '\r')) fail({&f.name, number, {}}, "read.line_end", "a line ends without CR LF");
+      if (f.bytes[i] == '\r' && (i + 1 == f.bytes.size() || f.bytes[i + 1] != '\n')) fail({&f.name, number, {}}, "read.line_end", "a CR without LF");
+      number += f.bytes[i] == '\n';
+    }
+    if (f.bytes.empty() || f.bytes.back() != '\n') fail({&f.name, number, {}}, "read.line_end", "the last line has no CR LF");
+  }
+
+  static std::array<double, 6> six(Scanner& s) {
+    std::array<double, 6> v{};
+    for (int i = 0; i < 6; ++i) {
+      if (i) s.expect(",");
+      v[i] = s.expect_number("a number");
+    }
+    s.expect_end();
+    return v;
+  }
+  static Eigen::Quaterniond rotation(const std::array<double, 6>& v) { return rotation_zyx(v[5], v[4], v[3]); }
+
+  void load_frames(const ProgramFile& f) {
+    std::optional<int> number;
+    for (const Line& line : lines_of(f)) {
+      Scanner s(line);
+      if (s.at_end()) continue;
+      if (s.accept("//UFRAME")) {
+        number = s.expect_integer("the user frame", 1, 63);
+        s.expect_end();
+      } else if (s.accept("///BUSER")) {
+        if (!number) fail(line, "read.unknown", "///BUSER before //UFRAME");
+        const auto v = six(s);
+        if (!user_frames_.emplace(*number, Pose<frame::Base, frame::Work>(rotation(v), Vec3(v[0], v[1], v[2]))).second)
+          fail(line, "read.name", "user frame " + std::to_string(*number) + " is given twice", *number);
+      } else if (!s.accept("///NAME") && !s.accept("///TOOL") && !s.accept("///GROUP")) {
+        s.unknown();
+      }
+    }
+  }
+
+  std::string load(const ProgramFile& f) {
+    need_line_ends(f);
+    const std::vector<Line> lines = lines_of(f);
+    std::size_t i = 0;
+    const auto next = [&]() -> const Line& {
+      if (i >= lines.size()) fail({&f.name, static_cast<int>(lines.size()), {}}, "read.missing", "the job ends too early");
+      return lines[i++];
+    };
+    const Line& head = next();
+    if (head.text != "/JOB") fail(head, "read.missing", "a job begins with /JOB");
+    Job job;
+    {
+      const Line& line = next();
+      Scanner s(line);
+      s.expect("//NAME");
+      job.head = line;
+      job.name = job_name(s);
+      s.expect_end();
+      if (f.name.size() != job.name.size() + 4 || !ends_with(f.name, job.name + ".JBI"))
+        fail(line, "read.name", "the job is called " + job.name + " and its file " + f.name);
+    }
+    std::optional<int> count, tool, user;
+    std::string type;
+    bool is_rectan = false, has_rconf = false;
+    bool in_positions = false, at_instructions = false;
+    while (!at_instructions) {
+      const Line& line = next();
+      Scanner s(line);
+      if (s.accept("///FOLDERNAME")) {
+        if (s.name().empty()) s.unknown();
+      } else if (!in_positions) {
+        s.expect("//POS");
+        in_positions = true;
+      } else if (s.accept("///NPOS")) {
+        if (count) s.unknown();
+        count = s.expect_integer("the count", 0, 100000);
+        for (int k = 0; k < 5; ++k) s.expect(","), s.expect_integer("the count of other positions", 0, 0);
+      } else if (s.accept("///USER")) {
+        user = s.expect_integer("the user frame", 1, 63);
+      } else if (s.accept("///TOOL")) {
+        tool = s.expect_integer("the tool", 0, 63);
+      } else if (s.accept("///POSTYPE")) {
+        type = s.name();
+        if (type != "PULSE" && type != "BASE" && type != "ROBOT" && type != "USER")
+          fail(line, "read.unknown", "positions of type " + type + " are not read");
+        is_rectan = has_rconf = false;
+      } else if (s.accept("///PULSE")) {
+        if (type != "PULSE") s.unknown();
+      } else if (s.accept("///RECTAN")) {
+        if (type == "PULSE" || type.empty()) s.unknown();
+        is_rectan = true;
+      } else if (s.accept("///RCONF")) {
+        if (!is_rectan) s.unknown();
+        int n = 0;
+        do s.expect_integer("an RCONF flag", 0, 1), ++n;
+        while (s.accept(","));
+        if (n != 24 && (n < 6 || n > 8)) fail(line, "read.range", "RCONF has 24 flags, or 6 to 8 on older controllers", n, 24);
+        has_rconf = true;
+      } else if (s.accept("//INST")) {
+        at_instructions = true;
+      } else {
+        position(s, job, count, tool, user, type, is_rectan, has_rconf);
+      }
+      s.expect_end();
+    }
+    if (!count) fail(job.head, "read.missing", "///NPOS is missing");
+    if (*count != static_cast<int>(job.positions.size()))
+      fail(job.head, "read.count", "///NPOS names " + std::to_string(*count) + " positions, there are " + std::to_string(job.positions.size()),
+           static_cast<double>(job.positions.size()), *count);
+    instruction_head(next, job);
+    bool has_end = false;
+    while (i < lines.size()) {
+      const Line& line = next();
+      if (has_end) fail(line, "read.unknown", "something stands after END");
+      has_end = line.text == "END";
+      job.instructions.push_back(line);
+    }
+    if (!has_end) fail(job.head, "read.missing", "END is missing");
+    const std::string name = job.name;
+    if (!jobs_.emplace(name, std::move(job)).second) fail({&f.name, 2, {}}, "read.name", "two jobs are called " + name);
+    return name;
+  }
+
+  static std::string job_name(Scanner& s) {
+    std::string out;
+    const std::string_view rest = s.rest();
+    while (out.size() < rest.size() && ((rest[out.size()] >= 'A' && rest[out.size()] <= 'Z') || (rest[out.size()] >= '0' && rest[out.size()] <= '9') ||
+                                        rest[out.size()] == '_' || rest[out.size()] == '-'))
+      out += rest[out.size()];
+    if (out.empty() || out.size() > 32) s.unknown();
+    s.expect(out);
+    return out;
+  }
+
+  template <class Next>
+  void instruction_head(Next&& next, Job& job) {
+    bool has_group = false;
+    for (;;) {
+      const Line& line = next();
+      Scanner s(line);
+      if (s.accept("///DATE")) {
+        s.expect_integer("the year", 1990, 2200), s.expect("/"), s.expect_integer("the month", 1, 12), s.expect("/");
+        s.expect_integer("the day", 1, 31), s.expect_integer("the hour", 0, 23), s.expect(":"), s.expect_integer("the minute", 0, 59);
+      } else if (s.accept("///COMM")) {
+        if (s.rest().size() > 32) fail(line, "read.range", "a job comment has at most 32 characters", static_cast<double>(s.rest().size()), 32);
+        continue;
+      } else if (s.accept("///ATTR")) {
+        do {
+          const std::string a = s.name();
+          if (a == "RJ") fail(line, "read.unknown", "relative jobs (RJ) are not read");
+          if (a != "SC" && a != "RW" && a != "RO" && a != "WO") s.unknown();
+        } while (s.accept(","));
+      } else if (s.accept("///GROUP1")) {
+        s.expect("RB1");
+        has_group = true;
+      } else if (s.accept("NOP")) {
+        s.expect_end();
+        if (!has_group) fail(line, "read.missing", "///GROUP1 is missing");
+        return;
+      } else {
+        s.unknown();
+      }
+      s.expect_end();
+    }
+  }
+
+  void position(Scanner& s, Job& job, const std::optional<int>& count, const std::optional<int>& tool, const std::optional<int>& user,
+                const std::string& type, bool is_rectan, bool has_rconf) {
+    const Line line = s.line();
+    if (!count || !tool || type.empty()) fail(line, "read.order", "a position before ///NPOS, ///TOOL and ///POSTYPE");
+    char expected[16];
+    std::snprintf(expected, sizeof expected, "C%05zu", job.positions.size());
+    if (!s.accept(expected)) fail(line, "read.count", std::string("expected position ") + expected, static_cast<double>(job.positions.size()));
+    s.expect("=");
+    const auto v = six(s);
+    Position p;
+    p.line = line;
+    p.tool = *tool;
+    if (type == "PULSE") {
+      if (!context_.cell.controller.pulses_per_degree)
+        fail(line, "read.undefined", "pulses cannot be read without controller.inform.pulses_per_degree in cell.yaml");
+      p.is_joint = true;
+      for (int i = 0; i < 6; ++i) {
+        if (v[i] != std::floor(v[i])) fail(line, "read.range", "pulses are whole numbers", v[i]);
+        p.q_deg[i] = v[i] / (*context_.cell.controller.pulses_per_degree)[i];
+      }
+    } else {
+      if (!is_rectan || !has_rconf) fail(line, "read.order", "a Cartesian position before ///RECTAN and ///RCONF");
+      if (type == "USER") {
+        if (!user) fail(line, "read.order", "a position in USER before ///USER");
+        if (!user_frames_.count(*user))
+          fail(line, "read.undefined", "user frame " + std::to_string(*user) + " is on the controller and not in UFRAME.CND", *user);
+        p.user = *user;
+      }
+      p.T_work_tool = {rotation(v), Vec3(v[0], v[1], v[2])};
+    }
+    job.positions.emplace(expected, p);
+  }
+
+  // ---------------------------------------------------------------- instructions
+  void run(Job& job, bool is_main) {
+    if (!running_.insert(job.name).second) fail(job.head, "read.call", job.name + " calls itself");
+    if (running_.size() > 10) fail(job.head, "read.call", "calls are nested deeper than 10");
+    if (!is_main) has_body_ = true;
+    int used = 0;
+    if (!job.positions.empty()) build_.set_tool(job.positions.begin()->second.line, job.positions.begin()->second.tool);
+    for (const Line& line : job.instructions) {
+      if (line.text.starts_with("'")) {
+        remark(line.text.substr(1));
+        continue;
+      }
+      Scanner s(line);
+      if (s.at_end()) s.unknown();
+      has_body_ = true;
+      if (s.accept("END")) {
+        s.expect_end();
+        break;
+      }
+      if (s.accept("MOVJ")) joint(s, take(s, job, used));
+      else if (s.accept("MOVL")) line_or_arc(s, take(s, job, used), false);
+      else if (s.accept("MOVC")) line_or_arc(s, take(s, job, used), true);
+      else if (s.accept("DOUT")) digital(s);
+      else if (s.accept("AOUT")) analog(s);
+      else if (s.accept("TIMER")) timer(s);
+      else if (s.accept("CALL")) call(s);
+      else s.unknown();
+      s.expect_end();
+    }
+    if (used != static_cast<int>(job.positions.size()))
+      fail(job.head, "read.count", "every position must be used once, in order", used, static_cast<double>(job.positions.size()));
+    running_.erase(job.name);
+  }
+
+  /// Comment lines: a header line begins with "* ", what follows a cut with "> ".
+  void remark(std::string_view text) {
+    if (text.starts_with("> ")) {
+      text.remove_prefix(2);
+      if (!has_body_ && !build_.program.header.empty()) {
+        build_.program.header.back() += text;
+        return;
+      }
+      if (!build_.program.instructions.empty())
+        if (auto* c = std::get_if<Comment>(&build_.program.instructions.back())) {
+          c->text += text;
+          return;
+        }
+    }
+    if (!has_body_ && text.starts_with("*")) {
+      text.remove_prefix(text.starts_with("* ") ? 2 : 1);
+      build_.program.header.emplace_back(text);
+      return;
+    }
+    has_body_ = true;
+    build_.comment(text);
+  }
+
+  Position& take(Scanner& s, Job& job, int& used) {
+    const std::string name = s.name();
+    const auto it = job.positions.find(name);
+    if (it == job.positions.end()) fail(s.line(), "read.undefined", "position " + name + " is not in this job");
+    char expected[16];
+    std::snprintf(expected, sizeof expected, "C%05d", used);
+    if (name != expected) fail(s.line(), "read.count", "positions are used once and in order; expected " + std::string(expected), used);
+    ++used;
+    return it->second;
+  }
+
+  void joint(Scanner& s, const Position& p) {
+    if (!p.is_joint)
+      fail(s.line(), "read.movj_cartesian", "MOVJ to a Cartesian position is not read: its posture depends on the robot; use pulses");
+    s.expect("VJ"), s.expect("=");
+    const double percent = s.expect_number("the speed");
+    if (percent < 0.01 || percent > 100) fail(s.line(), "read.range", "VJ is not between 0.01 and 100", percent, 100, "%");
+    exact(s);
+    build_.set_tool(s.line(), p.tool);
+    build_.joint(s.line(), p.q_deg, percent / 100);
+    arc_points_ = 0;
+    last_.reset();
+  }
+  void exact(Scanner& s) {
+    s.expect("PL"), s.expect("=");
+    s.expect_integer("a joint motion that is rounded (PL above 0) cannot be held; PL", 0, 0);
+  }
+
+  void frame_of(const Line& line, const Position& p) {
+    build_.set_tool(line, p.tool);
+    build_.set_frame(line, p.user < 0 ? Pose<frame::Base, frame::Work>() : user_frames_.at(p.user));
+  }
+
+  void line_or_arc(Scanner& s, const Position& p, bool is_arc) {
+    const Line line = s.line();
+    if (p.is_joint) fail(line, "read.path_pulses", "a path motion to pulses is not read: its place depends on the robot; use Cartesian positions");
+    s.expect("V"), s.expect("=");
+    const auto unit = context_.cell.controller.speed_unit;
+    if (!unit) fail(line, "read.undefined", "V= cannot be read without controller.inform.speed_unit in cell.yaml");
+    const double speed = s.expect_number("the speed") * (*unit == SpeedUnit::mm_s ? 1.0 : 10.0 / 60.0);
+    double blend = 0;
+    if (s.accept("CR")) {
+      s.expect("=");
+      blend = s.expect_number("the corner radius");
+      if (blend < 0.1 || blend > 6553.5) fail(line, "read.range", "CR is not between 0.1 and 6553.5 mm", blend, 6553.5, "mm");
+    } else {
+      exact(s);
+    }
+    const bool is_arc_end = s.accept("FPT");
+    if (is_arc_end && (!is_arc || arc_points_ % 2 == 1)) fail(line, "read.unknown", "FPT belongs to the end of an arc");
+    if (!is_arc) {
+      if (arc_points_ > 0 && arc_points_ % 2 == 0) fail(line, "read.arc", "a run of MOVC needs start, middle and end");
+      arc_points_ = 0;
+      frame_of(line, p);
+      build_.linear(line, p.T_work_tool, speed, blend);
+      last_ = p;
+      return;
+    }
+    if (++arc_points_ == 1) {  // the start of an arc: the tool goes there straight, unless it is there already
+      frame_of(line, p);
+      const bool is_there = last_ && last_->user == p.user && (last_->T_work_tool.p_mm - p.T_work_tool.p_mm).norm() < 0.0005 &&
+                            2 * (last_->T_work_tool.q.conjugate() * p.T_work_tool.q).vec().norm() < 1e-5;
+      if (!is_there) build_.linear(line, p.T_work_tool, speed, blend);
+      last_ = p;
+    } else if (arc_points_ % 2 == 0) {
+      arc_via_ = p;
+    } else {
+      if (arc_via_.user != p.user || last_->user != p.user || arc_via_.tool != p.tool)
+        fail(line, "read.arc", "the points of an arc are in different frames or of different tools");
+      frame_of(line, p);
+      build_.circular(line, arc_via_.T_work_tool, p.T_work_tool, speed, blend);
+      last_ = p;
+    }
+  }
+
+  static int number(Scanner& s, std::string_view kind, int hi) {
+    s.expect(kind), s.expect("("); 
+    const int n = s.expect_integer("the number", 1, hi);
+    s.expect(")");
+    return n;
+  }
+  void digital(Scanner& s) {
+    const int n = number(s, "OT#", 4096);
+    const bool on = s.accept("ON");
+    if (!on) s.expect("OFF");
+    build_.digital_output(s.line(), n, on);
+  }
+  void analog(Scanner& s) {
+    const int n = number(s, "AO#", 40);
+    build_.analog_ratio(s.line(), n, s.expect_number("the voltage") / 10.0);
+  }
+  void timer(Scanner& s) {
+    s.expect("T"), s.expect("=");
+    const double t = s.expect_number("the time");
+    if (t < 0.01 || t > 655.35) fail(s.line(), "read.range", "TIMER takes 0.01 to 655.35 s", t, 655.35, "s");
+    build_.wait(s.line(), t);
+  }
+  void call(Scanner& s) {
+    s.expect("JOB"), s.expect(":");
+    const std::string name = job_name(s);
+    const auto it = jobs_.find(name);
+    if (it == jobs_.end()) fail(s.line(), "read.call", name + " is called but not among these files");
+    if (arc_points_ > 0 && arc_points_ % 2 == 0) fail(s.line(), "read.arc", "a run of MOVC needs start, middle and end");
+    arc_points_ = 0;
+    run(it->second, false);
+  }
+};
+
+}  // namespace
+
+Result<Program> read(const ProgramText& text, const PostContext& context) {
+  return reading::guarded([&]() -> Result<Program> { return Reader(text, context).read(); });
+}
+
+}  // namespace asbuilt::inform

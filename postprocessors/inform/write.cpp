@@ -1,0 +1,296 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Neutral program -> Yaskawa INFORM: one job (.JBI), or pages and a main job that calls them; UFRAME.CND where the machine
+// gives a user frame number. Facts and their confidence are in dialect.md. Joint targets are pulses, path targets millimetres
+// with 3 and degrees with 4 decimals in BASE or USER.
+#include <algorithm>
+#include <cmath>
+
+#include "planner/base/number.hpp"
+#include "postprocessors/inform/inform.hpp"
+#include "postprocessors/inform/posture.hpp"
+#include "postprocessors/writing.hpp"
+
+namespace asbuilt::inform {
+namespace {
+
+using namespace writing;
+
+constexpr int kMm = 3, kDeg = 4;
+constexpr std::size_t kCommentWidth = 32;
+
+struct Machine {
+  std::array<double, 6> pulses_per_degree{};
+  double mm_s_per_unit = 1;  // of V=
+  int user_frame = 0;        // 0: BASE
+  FlipRule flip = FlipRule::r_axis;
+};
+
+std::string padded(int number, int width) {
+  std::string s = std::to_string(number);
+  return std::string(std::max(0, width - static_cast<int>(s.size())), '0') + s;
+}
+std::string comma_list(const Printed& p) {
+  std::string s;
+  for (double v : p.xyz_mm) s += fixed_number(v, kMm) + ",";
+  return s + fixed_number(p.abc_deg[2], kDeg) + "," + fixed_number(p.abc_deg[1], kDeg) + "," + fixed_number(p.abc_deg[0], kDeg);
+}
+std::string posture_line(const Posture& p) {
+  std::string s = "///RCONF ";
+  for (bool flag : {p.is_no_flip, p.is_lower_arm, p.is_rear, p.is_r_beyond, p.is_t_beyond, p.is_s_beyond}) s += flag ? "1," : "0,";
+  for (int i = 6; i < 24; ++i) s += i < 23 ? "0," : "0";
+  return s;
+}
+/// A comment of any length as lines of at most 32 characters; what follows a cut begins with "> ".
+void add_comment(Lines& out, std::string_view text, std::string_view mark = "") {
+  std::string all = std::string(mark) + std::string(text);
+  all.erase(all.find_last_not_of(' ') + 1);
+  bool is_first = true;
+  do {
+    const std::size_t width = kCommentWidth - (is_first ? 0 : 2);
+    std::size_t n = std::min(width, all.size());
+    while (n < all.size() && n > 1 && (all[n - 1] == ' ' || all[n] == ' ')) --n;  // a blank at an end would get lost
+    out.add((is_first ? "'" : "'> ") + all.substr(0, n));
+    all.erase(0, n);
+    is_first = false;
+  } while (!all.empty());
+}
+
+/// One job: positions and instructions grow side by side, each position is used once and in order.
+struct Job {
+  Lines positions{"\r\n"}, instructions{"\r\n"};
+  int count = 0;
+  std::string kind, tool_line, posture;  // what the last lines above the positions said
+};
+
+enum class Next { arc, other };
+/// What kind of motion follows instruction `at`.
+Next next_motion(const Program& program, std::size_t at) {
+  for (std::size_t i = at + 1; i < program.instructions.size(); ++i) {
+    if (std::holds_alternative<MoveCircular>(program.instructions[i])) return Next::arc;
+    if (std::holds_alternative<MoveLinear>(program.instructions[i]) || std::holds_alternative<MoveJoint>(program.instructions[i])) break;
+  }
+  return Next::other;
+}
+
+struct Writer {
+  const Program& program;
+  const PostContext& context;
+  const Machine& machine;
+  Job job;
+  std::size_t at = 0;  // the instruction being written
+  const ToolSpec* tool = nullptr;
+  Pose<frame::Base, frame::Work> T_base_work;  // as printed; identity for BASE
+  JointVector q_rad{};                         // the last joint target: the posture of the path that follows
+  std::optional<Pose<frame::Base, frame::Tool>> T_now;
+  bool is_arc_last = false;     // the last motion was an arc: its end may start the next one
+  bool is_start_given = false;  // the last motion was written as the first MOVC of an arc
+
+  std::string next_position(bool is_joint, const std::string& values) {
+    const std::string t = "///TOOL " + std::to_string(tool->number);
+    const std::string user = machine.user_frame ? "///USER " + std::to_string(machine.user_frame) : "";
+    const std::string kind = is_joint ? "PULSE" : machine.user_frame ? "USER" : "BASE";
+    if (!is_joint && !user.empty() && job.kind != kind) job.positions.add(user);
+    if (job.tool_line != t) job.positions.add(job.tool_line = t);
+    if (job.kind != kind) {
+      job.kind = kind;
+      job.positions.add("///POSTYPE " + kind);
+      job.positions.add(is_joint ? "///PULSE" : "///RECTAN");
+      job.posture.clear();
+    }
+    if (!is_joint) {
+      const std::string p = posture_line(posture_of(context.cell.robot, q_rad, machine.flip));
+      if (p != job.posture) job.positions.add(job.posture = p);
+    }
+    const std::string name = "C" + padded(job.count++, 5);
+    job.positions.add(name + "=" + values);
+    return name;
+  }
+  std::string cartesian(const Pose<frame::Base, frame::Tool>& T_base_tool) {
+    const auto T_work_tool = T_base_work.inverse() * T_base_tool;
+    return next_position(false, comma_list(print_pose(T_work_tool.rotation(), T_work_tool.p_mm, kMm, kDeg)));
+  }
+  std::string path_words(double speed_mm_s, bool is_exact, double blend_mm) const {
+    std::string s = " V=" + fixed_number(speed_mm_s / machine.mm_s_per_unit, 1);
+    if (!is_exact && rounded(blend_mm, 1) > 0) return s + " CR=" + fixed_number(blend_mm, 1);
+    return s + " PL=0";
+  }
+
+  void operator()(const SetTool& s) { tool = find_tool(context, s.number); }
+  void operator()(const SetFrame& s) {
+    if (machine.user_frame) T_base_work = frame_of(print_pose(s.T_base_work.rotation(), s.T_base_work.p_mm, kMm, kDeg));
+  }
+  void operator()(const MoveJoint& m) {
+    is_arc_last = is_start_given = false;
+    q_rad = m.q_rad;
+    T_now.reset();
+    std::string values;
+    for (int i = 0; i < 6; ++i)
+      values += (i ? "," : "") + std::to_string(std::llround(deg_from_rad(m.q_rad[i]) * machine.pulses_per_degree[i]));
+    job.instructions.add("MOVJ " + next_position(true, values) + " VJ=" + fixed_number(m.speed_ratio * 100, 2) + " PL=0");
+  }
+  void operator()(const MoveLinear& m) {
+    is_start_given = !is_arc_last && next_motion(program, at) == Next::arc;
+    is_arc_last = false;
+    job.instructions.add((is_start_given ? "MOVC " : "MOVL ") + cartesian(m.T_base_tool) +
+                         path_words(m.speed_mm_s, m.is_exact, m.blend_mm));
+    T_now = m.T_base_tool;
+  }
+  void operator()(const MoveCircular& m) {
+    // A run of MOVC: the start (to which the tool goes straight), a point on the way, the end, which may start the next arc.
+    if (!is_arc_last && !is_start_given) job.instructions.add("MOVC " + cartesian(*T_now) + path_words(m.speed_mm_s, true, 0));
+    job.instructions.add("MOVC " + cartesian(m.T_base_via) + path_words(m.speed_mm_s, true, 0));
+    job.instructions.add("MOVC " + cartesian(m.T_base_tool) + path_words(m.speed_mm_s, m.is_exact, m.blend_mm) +
+                         (next_motion(program, at) == Next::arc ? " FPT" : ""));
+    T_now = m.T_base_tool;
+    is_arc_last = true;
+    is_start_given = false;
+  }
+  void operator()(const SpindleOn& s) {
+    job.instructions.add("AOUT AO#(" + std::to_string(tool->spindle.analog) + ") " +
+                         fixed_number(s.rpm / tool->spindle.max_rpm * 10.0, 3));
+    job.instructions.add("DOUT OT#(" + std::to_string(tool->spindle.output) + ") ON");
+  }
+  void operator()(const SpindleOff&) {
+    job.instructions.add("DOUT OT#(" + std::to_string(tool->spindle.output) + ") OFF");
+    job.instructions.add("AOUT AO#(" + std::to_string(tool->spindle.analog) + ") 0.000");
+  }
+  void operator()(const SetOutput& s) {
+    job.instructions.add("DOUT OT#(" + std::to_string(s.output) + ") " + (s.value ? "ON" : "OFF"));
+  }
+  void operator()(const Wait& w) { job.instructions.add("TIMER T=" + fixed_number(w.time_s, 2)); }
+  void operator()(const Comment& c) { add_comment(job.instructions, c.text); }
+};
+
+std::string job_text(const std::string& name, const Job& job, const std::string& date) {
+  Lines out("\r\n");
+  out.add("/JOB");
+  out.add("//NAME " + name);
+  out.add("//POS");
+  out.add("///NPOS " + std::to_string(job.count) + ",0,0,0,0,0");
+  out.bytes += job.positions.bytes;
+  out.add("//INST");
+  out.add("///DATE " + date);
+  out.add("///ATTR SC,RW");
+  out.add("///GROUP1 RB1");
+  out.add("NOP");
+  out.bytes += job.instructions.bytes;
+  out.add("END");
+  return std::move(out.bytes);
+}
+
+/// ISO date -> "2026/11/22 00:00".
+std::optional<std::string> date_text(const std::string& iso) {
+  if (iso.size() < 10 || iso[4] != '-' || iso[7] != '-') return std::nullopt;
+  for (int i : {0, 1, 2, 3, 5, 6, 8, 9})
+    if (iso[i] < '0' || iso[i] > '9') return std::nullopt;
+  return iso.substr(0, 4) + "/" + iso.substr(5, 2) + "/" + iso.substr(8, 2) + " 00:00";
+}
+
+std::string user_frame_file(int number, const Pose<frame::Base, frame::Work>& T) {
+  const std::string values = comma_list(print_pose(T.rotation(), T.p_mm, kMm, kDeg));
+  Lines out("\r\n");
+  out.add("//UFRAME " + std::to_string(number));
+  out.add("///NAME");
+  out.add("///TOOL 0");
+  out.add("///GROUP 1,0,0");
+  out.add("///BUSER " + values);
+  return std::move(out.bytes);
+}
+
+}  // namespace
+
+Result<ProgramText> write(const Program& program, const PostContext& context) {
+  const ControllerSpec& c = context.cell.controller;
+  Machine machine;
+  Refusals faults;
+  bool has_path = false, has_spindle = false;
+  int frames_count = 0;
+  Pose<frame::Base, frame::Work> T_base_work;
+  for (const Instruction& i : program.instructions) {
+    has_path |= std::holds_alternative<MoveLinear>(i) || std::holds_alternative<MoveCircular>(i);
+    has_spindle |= std::holds_alternative<SpindleOn>(i) || std::holds_alternative<SpindleOff>(i);
+    if (const auto* s = std::get_if<SetFrame>(&i)) {
+      if (frames_count == 0 || s->T_base_work.p_mm != T_base_work.p_mm || s->T_base_work.q.coeffs() != T_base_work.q.coeffs()) ++frames_count;
+      T_base_work = s->T_base_work;
+    }
+  }
+  if (!c.pulses_per_degree)
+    faults.push_back(fault("post.missing_value", "cell.yaml: controller.inform.pulses_per_degree",
+                           "INFORM joint targets are encoder pulses; give the six pulses per degree of this robot (ALL.PRM)"));
+  else
+    machine.pulses_per_degree = *c.pulses_per_degree;
+  for (int i = 0; c.pulses_per_degree && i < 6; ++i)
+    if (!std::isfinite(machine.pulses_per_degree[i]) || std::abs(machine.pulses_per_degree[i]) < 1)
+      faults.push_back(fault("post.missing_value", "cell.yaml: controller.inform.pulses_per_degree[" + std::to_string(i) + "]",
+                             "a joint with less than one pulse per degree cannot be placed; give the value of ALL.PRM",
+                             machine.pulses_per_degree[i], 1, "pulses/deg"));
+  if (has_path && !c.speed_unit)
+    faults.push_back(fault("post.missing_value", "cell.yaml: controller.inform.speed_unit",
+                           "V= is mm/s or cm/min by a setting of the controller, a factor of 6; give the one it has"));
+  if (c.speed_unit && *c.speed_unit == SpeedUnit::cm_min) machine.mm_s_per_unit = 10.0 / 60.0;
+  const auto user = option_int(context, "inform.user_frame", 0, 1, 63);
+  const auto name_length = option_int(context, "inform.name_length", 32, 8, 32);
+  const auto max_lines = option_int(context, "inform.max_lines", 9000, 50, 99000);
+  for (const auto* o : {&user, &name_length, &max_lines})
+    if (!*o) faults.insert(faults.end(), o->error().begin(), o->error().end());
+  machine.user_frame = user.value_or(0);
+  if (machine.user_frame && frames_count > 1)
+    faults.push_back(fault("post.frames", program.name,
+                           "one job has one user frame here, the program changes its frame; leave out controller.inform.user_frame",
+                           frames_count, 1, "frames"));
+  if (const auto rule = option(context, "inform.flip")) {
+    if (*rule == "b_axis") machine.flip = FlipRule::b_axis;
+    else if (*rule != "r_axis")
+      faults.push_back(fault("post.option", "cell.yaml: controller.inform.flip", "\"" + *rule + "\" is neither r_axis nor b_axis"));
+  }
+  const auto date = date_text(context.date);
+  if (!date) faults.push_back(fault("post.date", "scans.yaml: taken", "\"" + context.date + "\" is no date like 2026-11-22"));
+  const double v_min = 0.1 * machine.mm_s_per_unit;
+  Refusals more = check(program, context,
+                        {.name_length = name_length.value_or(32), .speed_min_mm_s = v_min, .speed_max_mm_s = 1500, .wait_min_s = 0.01, .wait_max_s = 655.35});
+  faults.insert(faults.end(), more.begin(), more.end());
+  for (const Instruction& i : program.instructions)
+    if (const auto* s = std::get_if<SetTool>(&i)) {
+      const ToolSpec* t = find_tool(context, s->number);
+      if (t && has_spindle && (t->spindle.output < 1 || t->spindle.analog < 1))
+        faults.push_back(fault("post.missing_value",
+                               "cell.yaml: tools[" + t->id + "].spindle." + (t->spindle.output < 1 ? "output" : "analog"),
+                               "INFORM switches the spindle by OT#(output) and sets its speed by AO#(analog); give both numbers"));
+      if (t && (t->number < 0 || t->number > 63))
+        faults.push_back(fault("post.tool", "cell.yaml: tools[" + t->id + "].number", "INFORM tools are numbered from 0 to 63", t->number, 63));
+    }
+  const auto runs = split(program, 3, max_lines.value_or(9000));
+  const std::string base = upper(program.name);
+  const std::string last = runs.size() > 1 ? base + "_" + std::to_string(runs.size()) : base;
+  if (static_cast<int>(last.size()) > name_length.value_or(32))
+    faults.push_back(fault("post.name", program.name, "split into " + std::to_string(runs.size()) + " jobs the name grows too long; shorten it",
+                           static_cast<double>(last.size()), name_length.value_or(32), "characters"));
+  if (!faults.empty()) return refuse_all(std::move(faults));
+
+  ProgramText text{Language::inform, {}};
+  Job main;
+  for (const std::string& h : program.header) add_comment(main.instructions, h, "* ");
+  Writer w{program, context, machine, {}};
+  std::vector<ProgramFile> pages;
+  for (std::size_t k = 0; k < runs.size(); ++k) {
+    if (runs.size() == 1) w.job = std::move(main);
+    for (w.at = runs[k].first; w.at < runs[k].second; ++w.at) std::visit(w, program.instructions[w.at]);
+    if (w.job.count > 100000)
+      return refuse(fault("post.too_long", program.name, "a job holds at most 100000 positions and this one has no place to cut it",
+                          w.job.count, 100000, "positions"));
+    if (runs.size() == 1) {
+      main = std::move(w.job);
+    } else {
+      const std::string name = base + "_" + std::to_string(k + 1);
+      pages.push_back({name + ".JBI", job_text(name, w.job, *date)});
+      main.instructions.add("CALL JOB:" + name);
+    }
+    w.job = Job{};
+  }
+  text.files.push_back({base + ".JBI", job_text(base, main, *date)});
+  for (ProgramFile& p : pages) text.files.push_back(std::move(p));
+  if (machine.user_frame) text.files.push_back({"UFRAME.CND", user_frame_file(machine.user_frame, T_base_work)});
+  return text;
+}
+
+}  // namespace asbuilt::inform

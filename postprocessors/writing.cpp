@@ -1,0 +1,245 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "postprocessors/writing.hpp"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+
+#include "planner/base/number.hpp"
+
+namespace asbuilt::writing {
+
+std::array<double, 3> zyx_angles(const Mat3& R) {
+  const double cos_b = std::hypot(R(0, 0), R(1, 0));
+  const double b = std::atan2(-R(2, 0), cos_b);
+  if (cos_b < 1e-9) {  // only a - c (or a + c) is defined
+    return {std::atan2(-R(0, 1), R(1, 1)), b, 0.0};
+  }
+  return {std::atan2(R(1, 0), R(0, 0)), b, std::atan2(R(2, 1), R(2, 2))};
+}
+
+Printed print_pose(const Mat3& R, const Vec3& p_mm, int mm_decimals, int deg_decimals) {
+  Printed out;
+  const auto abc = zyx_angles(R);
+  for (int i = 0; i < 3; ++i) {
+    out.xyz_mm[i] = rounded(p_mm[i], mm_decimals);
+    out.abc_deg[i] = rounded(deg_from_rad(abc[i]), deg_decimals);
+    if (out.abc_deg[i] <= -180.0) out.abc_deg[i] = 180.0;
+  }
+  return out;
+}
+
+Pose<frame::Base, frame::Work> frame_of(const Printed& p) {
+  return {quat_from_zyx(rad_from_deg(p.abc_deg[0]), rad_from_deg(p.abc_deg[1]), rad_from_deg(p.abc_deg[2])),
+          Vec3(p.xyz_mm[0], p.xyz_mm[1], p.xyz_mm[2])};
+}
+
+Refusal fault(std::string code, std::string where, std::string message, double measured, double limit, std::string unit) {
+  return {.code = std::move(code), .where = std::move(where), .message = std::move(message), .measured = measured, .limit = limit,
+          .unit = std::move(unit), .stage = "post"};
+}
+
+const ToolSpec* find_tool(const PostContext& context, int number) {
+  for (const ToolSpec& t : context.cell.tools)
+    if (t.number == number) return &t;
+  return nullptr;
+}
+
+std::optional<std::string> option(const PostContext& context, const std::string& key) {
+  const auto it = context.cell.controller.options.find(key);
+  if (it == context.cell.controller.options.end()) return std::nullopt;
+  return it->second;
+}
+
+Result<int> option_int(const PostContext& context, const std::string& key, int otherwise, int lo, int hi) {
+  const auto text = option(context, key);
+  if (!text) return otherwise;
+  int value = 0;
+  const auto r = std::from_chars(text->data(), text->data() + text->size(), value);
+  if (r.ec != std::errc() || r.ptr != text->data() + text->size() || value < lo || value > hi)
+    return refuse(fault("post.option", "cell.yaml: controller." + key,
+                        "\"" + *text + "\" is no whole number from " + std::to_string(lo) + " to " + std::to_string(hi), value, hi));
+  return value;
+}
+
+namespace {
+
+bool is_ascii_line(std::string_view s) {
+  return std::all_of(s.begin(), s.end(), [](char c) { return c >= 0x20 && c <= 0x7e; });
+}
+bool is_finite(const Pose<frame::Base, frame::Tool>& T) {
+  return T.q.coeffs().allFinite() && T.p_mm.allFinite() && std::abs(T.q.norm() - 1) < 1e-6 && T.p_mm.cwiseAbs().maxCoeff() < 1e6;
+}
+
+struct Checker {
+  const Program& program;
+  const PostContext& context;
+  const Limits& limits;
+  Refusals out;
+  const ToolSpec* tool = nullptr;
+  bool has_frame = false, has_joint_move = false, is_spinning = false;
+  std::optional<Vec3> p_now;  // in base; none after a joint move
+  bool was_blended = false;
+  std::size_t at = 0;
+
+  std::string where() const { return program.name + ": instruction " + std::to_string(at + 1); }
+  void bad(std::string code, std::string message, double measured = 0, double limit = 0, std::string unit = "") {
+    out.push_back(fault(std::move(code), where(), std::move(message), measured, limit, std::move(unit)));
+  }
+  void ready_to_move(bool is_path) {
+    if (!tool) bad("post.order", "a motion comes before the tool is set; set it first");
+    if (is_path && !has_frame) bad("post.order", "a path motion comes before the frame is set; set it first");
+    if (is_path && !has_joint_move) bad("post.order", "the first motion must be a joint move; begin at home");
+  }
+  void speed(double v, double blend, bool is_exact) {
+    if (!std::isfinite(v) || v < limits.speed_min_mm_s || v <= 0 || v > limits.speed_max_mm_s)
+      bad("post.speed", "the speed " + (std::isfinite(v) ? shortest_number(v) : std::string("(not finite)")) + " mm/s is outside what " +
+                            "the controller takes, " + shortest_number(limits.speed_min_mm_s) + " to " +
+                            shortest_number(limits.speed_max_mm_s) + " mm/s; change the feed",
+          std::isfinite(v) ? v : 0, limits.speed_max_mm_s, "mm/s");
+    if (!is_exact && (!std::isfinite(blend) || blend < 0 || blend > 1000))
+      bad("post.not_finite", "the rounding distance is no length from 0 to 1000 mm", 0, 1000, "mm");
+    was_blended = !is_exact && blend > 0;
+  }
+
+  void operator()(const SetTool& s) {
+    tool = find_tool(context, s.number);
+    if (!tool) {
+      bad("post.tool", "tool number " + std::to_string(s.number) + " is not in the cell; add it to cell.yaml", s.number);
+    } else if ((tool->T_flange_tool.p_mm - s.T_flange_tool.p_mm).norm() > 1e-6 ||
+               quat_log(tool->T_flange_tool.q.conjugate() * s.T_flange_tool.q).norm() > 1e-8) {
+      bad("post.tool",
+          "the program's tool " + std::to_string(s.number) + " is not the cell's calibrated tool of that number; plan the item again",
+          (tool->T_flange_tool.p_mm - s.T_flange_tool.p_mm).norm(), 1e-6, "mm");
+    }
+  }
+  void operator()(const SetFrame& s) {
+    has_frame = true;
+    if (!s.T_base_work.q.coeffs().allFinite() || !s.T_base_work.p_mm.allFinite() || std::abs(s.T_base_work.q.norm() - 1) > 1e-6)
+      bad("post.not_finite", "the work frame is not finite");
+  }
+  void operator()(const MoveJoint& m) {
+    ready_to_move(false);
+    has_joint_move = true;
+    p_now.reset();
+    was_blended = false;
+    for (int i = 0; i < 6; ++i) {
+      const JointSpec& j = context.cell.robot.joints[i];
+      if (!std::isfinite(m.q_rad[i])) {
+        bad("post.not_finite", "joint " + std::to_string(i + 1) + " is not finite");
+      } else if (j.max_rad > j.min_rad && (m.q_rad[i] < j.min_rad - 1e-6 || m.q_rad[i] > j.max_rad + 1e-6)) {
+        bad("post.joint_limit", "joint " + std::to_string(i + 1) + " is outside its limits; plan the item again", deg_from_rad(m.q_rad[i]),
+            deg_from_rad(m.q_rad[i] < j.min_rad ? j.min_rad : j.max_rad), "deg");
+      }
+    }
+    if (!std::isfinite(m.speed_ratio) || m.speed_ratio < 0.01 - 1e-9 || m.speed_ratio > 1 + 1e-9)
+      bad("post.joint_speed", "the joint speed is not between 0.01 and 1 of the limits", std::isfinite(m.speed_ratio) ? m.speed_ratio : 0, 1,
+          "ratio");
+  }
+  void operator()(const MoveLinear& m) {
+    ready_to_move(true);
+    if (!is_finite(m.T_base_tool)) bad("post.not_finite", "the target is no finite pose");
+    speed(m.speed_mm_s, m.blend_mm, m.is_exact);
+    p_now = m.T_base_tool.p_mm;
+  }
+  void operator()(const MoveCircular& m) {
+    ready_to_move(true);
+    if (!is_finite(m.T_base_tool) || !is_finite(m.T_base_via)) bad("post.not_finite", "the target is no finite pose");
+    speed(m.speed_mm_s, m.blend_mm, m.is_exact);
+    if (!p_now) {
+      bad("post.arc", "an arc must follow a straight move or another arc; move to its start first");
+    } else {
+      const Vec3 u = m.T_base_via.p_mm - *p_now, v = m.T_base_tool.p_mm - m.T_base_via.p_mm;
+      const double sine = u.cross(v).norm() / std::max(1e-12, u.norm() * v.norm());
+      if (u.norm() < 0.01 || v.norm() < 0.01 || sine < 1e-3 || u.dot(v) < -0.5 * u.norm() * v.norm())
+        bad("post.arc", "start, middle and end do not define an arc below 180 degrees; write it as straight moves", sine, 1e-3, "sine");
+      else if (2 * std::atan2(u.cross(v).norm(), u.dot(v)) > kPi * (1 + 1e-9))
+        bad("post.arc", "an arc of 180 degrees or more; cut it in two", deg_from_rad(2 * std::atan2(u.cross(v).norm(), u.dot(v))), 180, "deg");
+    }
+    p_now = m.T_base_tool.p_mm;
+  }
+  void operator()(const SpindleOn& s) {
+    is_spinning = true;
+    if (!tool) return bad("post.order", "the spindle is switched before a tool is set");
+    if (!std::isfinite(s.rpm) || s.rpm <= 0 || s.rpm > tool->spindle.max_rpm)
+      bad("post.spindle", "the spindle speed is not between 0 and the spindle's max_rpm; change the recipe or the cell",
+          std::isfinite(s.rpm) ? s.rpm : 0, tool->spindle.max_rpm, "rpm");
+  }
+  void operator()(const SpindleOff&) {
+    is_spinning = false;
+    if (!tool) bad("post.order", "the spindle is switched before a tool is set");
+  }
+  void operator()(const SetOutput& s) {
+    if (!limits.has_outputs) return;
+    if (s.output < 1 || s.output > 4096) bad("post.output", "digital outputs are numbered from 1 to 4096", s.output, 4096);
+    if (tool && tool->spindle.output == s.output)
+      bad("post.output", "output " + std::to_string(s.output) + " switches the spindle; use SpindleOn and SpindleOff", s.output);
+  }
+  void operator()(const Wait& w) {
+    if (!std::isfinite(w.time_s) || w.time_s < limits.wait_min_s || w.time_s > limits.wait_max_s)
+      bad("post.wait", "the waiting time is outside what the controller takes", std::isfinite(w.time_s) ? w.time_s : 0, limits.wait_max_s, "s");
+    if (was_blended) bad("post.wait", "a wait follows a rounded corner, where the controller cannot stop; make that move exact");
+  }
+  void operator()(const Comment& c) {
+    if (!is_ascii_line(c.text)) bad("post.not_ascii", "a comment holds characters outside printable ASCII");
+  }
+};
+
+}  // namespace
+
+Refusals check(const Program& program, const PostContext& context, const Limits& limits) {
+  Checker c{program, context, limits, {}};
+  const std::string& n = program.name;
+  const auto letter = [](char x) { return (x >= 'A' && x <= 'Z') || (x >= 'a' && x <= 'z'); };
+  if (n.empty() || !letter(n[0]) || static_cast<int>(n.size()) > limits.name_length ||
+      !std::all_of(n.begin(), n.end(), [&](char x) { return letter(x) || (x >= '0' && x <= '9') || x == '_'; }))
+    c.out.push_back(fault("post.name", n, "a program name is a letter, then letters, digits and underscores, at most " +
+                                              std::to_string(limits.name_length) + " characters; rename the item",
+                          static_cast<double>(n.size()), limits.name_length, "characters"));
+  for (const std::string& h : program.header)
+    if (!is_ascii_line(h)) c.out.push_back(fault("post.not_ascii", n + ": header", "a header line holds characters outside printable ASCII"));
+  for (c.at = 0; c.at < program.instructions.size(); ++c.at) std::visit(c, program.instructions[c.at]);
+  c.at = program.instructions.empty() ? 0 : program.instructions.size() - 1;
+  if (!c.has_joint_move) c.bad("post.order", "the program holds no joint move");
+  if (c.is_spinning) c.bad("post.order", "the spindle is still on at the end");
+  if (c.was_blended) c.bad("post.order", "the last motion is rounded into nothing; make it exact");
+  return std::move(c.out);
+}
+
+std::vector<std::pair<std::size_t, std::size_t>> split(const Program& program, int weight, int limit) {
+  std::vector<std::pair<std::size_t, std::size_t>> runs;
+  std::size_t begin = 0, last_safe = 0, first_joint = program.instructions.size();
+  for (std::size_t i = 0; i < program.instructions.size(); ++i) {
+    if (!std::holds_alternative<MoveJoint>(program.instructions[i])) continue;
+    if (first_joint == program.instructions.size()) first_joint = i;
+    if (i > first_joint && (i - begin) * weight > static_cast<std::size_t>(limit) && last_safe > begin) {
+      runs.push_back({begin, last_safe});
+      begin = last_safe;
+    }
+    if (i > first_joint) last_safe = i;
+  }
+  if ((program.instructions.size() - begin) * weight > static_cast<std::size_t>(limit) && last_safe > begin) {
+    runs.push_back({begin, last_safe});
+    begin = last_safe;
+  }
+  runs.push_back({begin, program.instructions.size()});
+  return runs;
+}
+
+std::string upper(std::string_view text) {
+  std::string out(text);
+  for (char& c : out)
+    if (c >= 'a' && c <= 'z') c = static_cast<char>(c - 'a' + 'A');
+  return out;
+}
+
+std::vector<std::string> pieces(std::string_view text, std::size_t width) {
+  std::vector<std::string> out;
+  do {
+    out.emplace_back(text.substr(0, width));
+    text.remove_prefix(std::min(width, text.size()));
+  } while (!text.empty());
+  return out;
+}
+
+}  // namespace asbuilt::writing

@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Every post of the registry obeys the same laws: what it writes it reads back, the same input gives the same bytes, its own
+// lint rules hold, and the dialects of one program replay to one path.
+#include <gtest/gtest.h>
+
+#include "planner/base/archive.hpp"
+#include "tests/support/post_programs.hpp"
+
+namespace asbuilt {
+namespace {
+
+using namespace support;
+
+constexpr int kPrograms = 2000;
+
+class PostContract : public testing::TestWithParam<Language> {
+ protected:
+  const Post& post() const { return *find_post(GetParam()); }
+  const PostContext context = post_context();
+};
+
+TEST_P(PostContract, reads_back_what_it_wrote) {
+  const Tolerance tolerance = tolerance_of(post(), context);
+  for (int seed = 1; seed <= kPrograms; ++seed) {
+    const Program p = random_program(seed);
+    const auto text = post().write(p, context);
+    ASSERT_TRUE(text) << "seed " << seed << "\n" << text_of(text.error());
+    const auto back = post().read(*text, context);
+    ASSERT_TRUE(back) << "seed " << seed << "\n" << text_of(back.error());
+    ASSERT_EQ(difference(p, *back, tolerance, GetParam() == Language::inform), "") << "seed " << seed << "\n" << text->files[0].bytes;
+  }
+}
+
+TEST_P(PostContract, same_program_same_bytes) {
+  for (int seed = 1; seed <= 20; ++seed) {
+    const Program p = random_program(seed);
+    const auto a = post().write(p, context), b = post().write(p, context);
+    ASSERT_TRUE(a && b);
+    ASSERT_EQ(to_bytes(*a), to_bytes(*b));
+  }
+}
+
+/// Writing what was read changes nothing: every printed digit is kept.
+TEST_P(PostContract, a_second_round_is_byte_equal) {
+  for (int seed = 1; seed <= 200; ++seed) {
+    Program p = random_program(seed, {.has_arcs = false});
+    const auto a = post().write(p, context);
+    ASSERT_TRUE(a);
+    const auto q = post().read(*a, context);
+    ASSERT_TRUE(q);
+    const auto b = post().write(*q, context);
+    ASSERT_TRUE(b) << text_of(b.error());
+    ASSERT_EQ(a->files[0].bytes, b->files[0].bytes) << "seed " << seed;
+  }
+}
+
+TEST_P(PostContract, its_own_lint_rules_hold) {
+  for (int seed = 1; seed <= 100; ++seed) {
+    const auto text = post().write(random_program(seed), context);
+    ASSERT_TRUE(text);
+    for (const Check& c : post().lint(*text, context)) ASSERT_TRUE(c.is_passed) << "seed " << seed << " " << c.name << " " << c.where;
+  }
+}
+
+TEST_P(PostContract, bytes_are_ascii_with_the_controllers_line_end) {
+  const auto text = post().write(random_program(7), context);
+  ASSERT_TRUE(text);
+  for (const ProgramFile& f : text->files) {
+    ASSERT_TRUE(f.bytes.ends_with("\r\n"));
+    for (char c : f.bytes) ASSERT_TRUE((c >= 0x20 && c <= 0x7e) || c == '\r' || c == '\n') << f.name;
+    EXPECT_EQ(f.bytes.find("-0.000 "), std::string::npos);
+  }
+}
+
+/// A program of 5000 points in 200-line modules says the same as the unsplit one.
+TEST_P(PostContract, split_programs_join_to_the_same_motions) {
+  PostContext small = context;
+  small.cell.controller.options["krl.max_lines"] = small.cell.controller.options["inform.max_lines"] = "200";
+  const Program p = random_program(11, {.sections = 40, .points = 60});
+  const auto text = post().write(p, small);
+  ASSERT_TRUE(text) << text_of(text.error());
+  EXPECT_GT(text->files.size(), GetParam() == Language::beckhoff ? 0u : 10u);
+  const auto back = post().read(*text, small);
+  ASSERT_TRUE(back) << text_of(back.error());
+  EXPECT_EQ(difference(p, *back, tolerance_of(post(), small), GetParam() == Language::inform), "");
+}
+
+INSTANTIATE_TEST_SUITE_P(Registry, PostContract, testing::Values(Language::krl, Language::inform, Language::beckhoff),
+                         [](const auto& info) { return std::string(name_of(info.param)); });
+
+/// One program in all dialects: the same points in base (each within its own half digit), the same feed and events.
+TEST(PostAgreement, dialects_replay_to_one_path) {
+  const PostContext context = post_context();
+  Tolerance t;
+  t.position_mm = 0.001 * std::sqrt(3.0) + 1e-9;  // each of the two is within half a digit on every axis of its own frame
+  t.angle_rad = 6e-6, t.speed_mm_s = 0.0501 + 0.0006, t.speed_ratio = 0.0051, t.blend_mm = 0.0506;
+  t.joint_rad.fill(rad_from_deg(0.0007));
+  for (int seed = 1; seed <= 100; ++seed) {
+    const Program p = random_program(seed);
+    std::vector<Program> read;
+    for (const Post& post : posts()) {
+      const auto text = post.write(p, context);
+      ASSERT_TRUE(text);
+      const auto back = post.read(*text, context);
+      ASSERT_TRUE(back);
+      read.push_back(*back);
+    }
+    for (std::size_t i = 1; i < read.size(); ++i) ASSERT_EQ(difference(read[0], read[i], t, true), "") << "seed " << seed;
+  }
+}
+
+}  // namespace
+}  // namespace asbuilt

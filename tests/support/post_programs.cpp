@@ -1,0 +1,290 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "tests/support/post_programs.hpp"
+
+#include <cmath>
+
+#include "planner/base/number.hpp"
+
+namespace asbuilt::support {
+
+PostContext post_context() {
+  PostContext c;
+  c.date = "2026-11-22";
+  c.cell.id = "test-cell";
+  OpwParameters k;
+  k.a1_mm = 300, k.a2_mm = -150, k.c1_mm = 750, k.c2_mm = 1000, k.c3_mm = 1080, k.c4_mm = 220;
+  k.offsets_rad = {0, -kPi / 2, 0, 0, 0, 0};
+  k.signs = {-1, 1, 1, -1, 1, -1};
+  c.cell.robot.kinematics = k;
+  const double lo[] = {-180, -150, -110, -270, -122, -350}, hi[] = {180, 20, 150, 270, 122, 350}, v[] = {120, 115, 120, 190, 180, 260};
+  for (int i = 0; i < 6; ++i) {
+    JointSpec& j = c.cell.robot.joints[i];
+    j.min_rad = rad_from_deg(lo[i]), j.max_rad = rad_from_deg(hi[i]), j.speed_rad_s = rad_from_deg(v[i]);
+    c.cell.robot.home_rad[i] = rad_from_deg(std::array<double, 6>{0, -100, 100, 0, 90, 0}[i]);
+  }
+  ToolSpec a;
+  a.id = "cone-90", a.number = 1;
+  a.T_flange_tool = {quat_from_zyx(0.3, -0.2, 0.1), Vec3(12.34567, -7.65432, 350.11111)};
+  a.spindle = {16000, 5, 1};
+  ToolSpec b = a;
+  b.id = "ball-6", b.number = 3;
+  b.T_flange_tool = {quat_from_zyx(kPi, 0, 0), Vec3(-100, 0.0004, 251)};
+  b.spindle = {40000, 6, 2};
+  c.cell.tools = {a, b};
+  ControllerSpec& s = c.cell.controller;
+  s.pulses_per_degree = {{1435.64, 1435.64, 1365.33, 1137.78, 1137.78, 910.22}};
+  s.speed_unit = SpeedUnit::mm_s;
+  s.orientation = BeckhoffOrientation::cba;
+  s.kinematic_id = 45;
+  s.options["beckhoff.output.7"] = "70 71";
+  s.options["beckhoff.output.12"] = "120 121";
+  return c;
+}
+
+Eigen::Quaterniond random_rotation(Random& r) {
+  if (r.below(8) == 0) {
+    Eigen::Quaterniond q(Eigen::AngleAxisd(kPi / 2 * static_cast<double>(r.below(4)), Vec3::UnitZ()) *
+                         Eigen::AngleAxisd(kPi / 2 * static_cast<double>(r.below(4)), Vec3::UnitY()) *
+                         Eigen::AngleAxisd(kPi / 2 * static_cast<double>(r.below(4)), Vec3::UnitX()));
+    if (r.below(2)) q = q * Eigen::Quaterniond(Eigen::AngleAxisd(r.uniform(-kPi, kPi), Vec3::Unit(static_cast<int>(r.below(3)))));
+    return q.normalized();
+  }
+  Eigen::Quaterniond q(r.normal(), r.normal(), r.normal(), r.normal());
+  return q.normalized();
+}
+
+Program random_program(std::uint64_t seed, const ProgramMix& mix) {
+  Random r = Random::stream(seed, "post program");
+  const PostContext context = post_context();
+  Program p;
+  p.name = "PART_" + std::to_string(seed % 100000);
+  p.header = {"item part-" + std::to_string(seed), "calibration 2026-11-20 sha256 0123456789abcdef0123456789abcdef0123456789abcdef"};
+  auto& out = p.instructions;
+  const auto tool = [&](int i) { out.emplace_back(SetTool{context.cell.tools[i].number, context.cell.tools[i].T_flange_tool}); };
+  int tool_now = 0;
+  tool(0);
+  Pose<frame::Base, frame::Work> T_base_work;
+  const auto frame = [&] {
+    T_base_work = {random_rotation(r), Vec3(r.uniform(-1500, 1500), r.uniform(-1500, 1500), r.uniform(-200, 1500))};
+    out.emplace_back(SetFrame{T_base_work});
+  };
+  frame();
+  const auto joint = [&] {
+    MoveJoint m;
+    for (int i = 0; i < 6; ++i) m.q_rad[i] = r.uniform(context.cell.robot.joints[i].min_rad, context.cell.robot.joints[i].max_rad);
+    m.speed_ratio = r.uniform(0.05, 1.0);
+    if (r.below(4) == 0) m.q_rad = context.cell.robot.home_rad, m.q_rad[3] = -1e-9;
+    out.emplace_back(m);
+  };
+  const auto home = [&] { out.emplace_back(MoveJoint{context.cell.robot.home_rad, 0.3}); };
+  home();
+  Vec3 p_work = Vec3::Zero();
+  Eigen::Quaterniond q_work;
+  bool was_blended = false;
+  const auto pose = [&](const Vec3& point, const Eigen::Quaterniond& q) { return T_base_work * Pose<frame::Work, frame::Tool>(q, point); };
+  const auto line = [&](bool must_stop) {
+    MoveLinear m;
+    p_work += Vec3(r.normal(), r.normal(), r.normal()) * 20;
+    if (r.below(10) == 0) p_work[static_cast<int>(r.below(3))] = -1e-5;  // prints as zero, never as -0
+    q_work = (q_work * quat_exp(Vec3(r.normal(), r.normal(), r.normal()) * 0.05)).normalized();
+    m.T_base_tool = pose(p_work, q_work);
+    m.speed_mm_s = r.uniform(0.5, 200);
+    m.is_exact = must_stop || r.below(2) == 0;
+    m.blend_mm = m.is_exact ? 0 : r.uniform(0.2, 5);
+    was_blended = !m.is_exact;
+    out.emplace_back(m);
+  };
+  const auto arc = [&](bool must_stop) {
+    const double radius = r.uniform(5, 200), start = r.uniform(-kPi, kPi), turn = r.uniform(0.4, 2.8) * (r.below(2) ? 1 : -1);
+    const int axis = static_cast<int>(r.below(3)), u = (axis + 1) % 3, v = (axis + 2) % 3;
+    Vec3 centre = p_work;
+    centre[u] -= radius * std::cos(start), centre[v] -= radius * std::sin(start);
+    const auto at = [&](double f) {
+      Vec3 x = centre;
+      x[u] += radius * std::cos(start + f * turn), x[v] += radius * std::sin(start + f * turn);
+      return x;
+    };
+    MoveCircular m;
+    m.T_base_via = pose(at(r.uniform(0.4, 0.6)), q_work);
+    p_work = at(1);
+    m.T_base_tool = pose(p_work, q_work);
+    m.speed_mm_s = r.uniform(0.5, 200);
+    m.is_exact = must_stop || r.below(2) == 0;
+    m.blend_mm = m.is_exact ? 0 : r.uniform(0.2, 2);
+    was_blended = !m.is_exact;
+    out.emplace_back(m);
+  };
+  const auto event = [&] {
+    switch (r.below(4)) {
+      case 0: out.emplace_back(SetOutput{r.below(2) ? 7 : 12, r.below(2) == 0}); break;
+      case 1: if (!was_blended) out.emplace_back(Wait{r.uniform(0.02, 5)}); break;
+      case 2: out.emplace_back(Comment{"edge e" + std::to_string(r.below(100))}); break;
+      default: out.emplace_back(Comment{"a remark that is far longer than a line of thirty-two characters, no " + std::to_string(r.below(1000))});
+    }
+  };
+  for (int s = 0; s < mix.sections; ++s) {
+    joint();
+    if (mix.has_new_frames && s && r.below(2)) frame();
+    if (mix.has_two_tools && s && r.below(3) == 0) tool(tool_now = 1 - tool_now), joint();
+    out.emplace_back(SpindleOn{std::round(r.uniform(1000, 15000))});
+    out.emplace_back(Wait{1.5});
+    p_work = Vec3(r.uniform(-300, 300), r.uniform(-300, 300), r.uniform(-300, 300));
+    q_work = random_rotation(r);
+    line(true);
+    for (int i = 0; i < mix.points; ++i) {
+      const bool is_last = i + 1 == mix.points;
+      if (mix.has_arcs && r.below(4) == 0)
+        arc(is_last);
+      else
+        line(is_last);
+      if (mix.has_events && r.below(5) == 0) event();
+    }
+    out.emplace_back(SpindleOff{});
+  }
+  home();
+  return p;
+}
+
+Tolerance tolerance_of(const Post& post, const PostContext& context) {
+  Tolerance t;
+  const double slack = 1.0001;
+  t.position_mm = post.position_step_mm / 2 * slack + 1e-9;
+  t.angle_rad = post.angle_step_rad * 1.5 * slack;  // three printed angles, half a digit each
+  t.speed_mm_s = post.speed_step_mm_s / 2 * slack;
+  t.joint_rad = post.joint_step_rad(context);
+  for (double& j : t.joint_rad) j = j / 2 * slack;
+  if (post.language == Language::inform) t.blend_mm = 0.0501;
+  return t;
+}
+
+std::string text_of(const Refusals& refusals) {
+  std::string s;
+  for (const Refusal& r : refusals) s += r.code + " at " + r.where + ": " + r.message + "\n";
+  return s;
+}
+
+namespace {
+
+struct Flat {  // the program as a list of what happens, frames and repeated settings taken out
+  std::vector<const Instruction*> steps;
+  std::vector<Pose<frame::Base, frame::Work>> frame;
+  std::vector<int> tool;
+};
+Flat flatten(const Program& p, std::vector<Instruction>& kept) {
+  Flat f;
+  Pose<frame::Base, frame::Work> T;
+  int tool = -1;
+  double rpm = -1;
+  std::string comment;
+  kept.reserve(p.instructions.size());
+  for (const Instruction& i : p.instructions) {
+    if (const auto* s = std::get_if<SetTool>(&i)) {
+      tool = s->number;
+      continue;
+    }
+    if (const auto* s = std::get_if<SetFrame>(&i)) {
+      T = s->T_base_work;
+      continue;
+    }
+    if (const auto* s = std::get_if<SpindleOn>(&i)) {
+      if (s->rpm == rpm) continue;
+      rpm = s->rpm;
+    }
+    if (std::holds_alternative<SpindleOff>(i)) rpm = -1;
+    kept.push_back(i);
+    f.steps.push_back(&kept.back());
+    f.frame.push_back(T);
+    f.tool.push_back(tool);
+  }
+  return f;
+}
+
+std::string number(double v) { return shortest_number(v); }
+
+struct Compare {
+  const Tolerance& t;
+  const Pose<frame::Base, frame::Work>& T_base_work;
+  bool is_in_base;
+  std::optional<Vec3> p_before_wanted;
+
+  std::string pose(const Pose<frame::Base, frame::Tool>& a, const Pose<frame::Base, frame::Tool>& b, double more = 1) const {
+    Vec3 d = b.p_mm - a.p_mm;
+    if (!is_in_base) d = T_base_work.q.conjugate() * d;
+    if (d.cwiseAbs().maxCoeff() > t.position_mm * more) return "position off by " + number(d.cwiseAbs().maxCoeff()) + " mm";
+    const double angle = quat_log(a.q.conjugate() * b.q).norm();
+    if (angle > t.angle_rad) return "orientation off by " + number(angle) + " rad";
+    return "";
+  }
+  std::string path(double va, double vb, bool ea, bool eb, double ba, double bb) const {
+    if (std::abs(va - vb) > t.speed_mm_s) return "speed " + number(vb) + " instead of " + number(va);
+    if (ea != eb) return "exactness differs";
+    if (!ea && std::abs(ba - bb) > t.blend_mm) return "rounding " + number(bb) + " instead of " + number(ba);
+    return "";
+  }
+  template <class A, class B>
+  std::string operator()(const A&, const B&) const {
+    return "another kind of instruction";
+  }
+  std::string operator()(const MoveJoint& a, const MoveJoint& b) const {
+    for (int i = 0; i < 6; ++i)
+      if (std::abs(a.q_rad[i] - b.q_rad[i]) > t.joint_rad[i]) return "joint " + std::to_string(i + 1) + " off by " + number(b.q_rad[i] - a.q_rad[i]) + " rad";
+    if (std::abs(a.speed_ratio - b.speed_ratio) > t.speed_ratio + 1e-9) return "joint speed " + number(b.speed_ratio) + " instead of " + number(a.speed_ratio);
+    return "";
+  }
+  std::string operator()(const MoveLinear& a, const MoveLinear& b) const {
+    const std::string s = pose(a.T_base_tool, b.T_base_tool);
+    return s.empty() ? path(a.speed_mm_s, b.speed_mm_s, a.is_exact, b.is_exact, a.blend_mm, b.blend_mm) : s;
+  }
+  std::string operator()(const MoveCircular& a, const MoveCircular& b) const {
+    std::string s = pose(a.T_base_tool, b.T_base_tool);
+    if (!s.empty()) return s;
+    // any point of the arc may be named: the circle through a's points must hold b's
+    const Vec3 u = a.T_base_via.p_mm - *p_before_wanted, v = a.T_base_tool.p_mm - *p_before_wanted, n = u.cross(v);
+    const Vec3 c = *p_before_wanted + (v.squaredNorm() * n.cross(u) + u.squaredNorm() * v.cross(n)) / (2 * n.squaredNorm());
+    const double radius = (a.T_base_tool.p_mm - c).norm();
+    const Vec3 d = b.T_base_via.p_mm - c;
+    const double off = std::hypot(d.norm() - radius, d.dot(n.normalized()));
+    const double spread = radius / std::max(1e-9, n.norm() / v.norm());  // how far the digits of three points move the circle
+    if (off > t.position_mm * (4 + 2 * spread)) return "arc off by " + number(off) + " mm";
+    if (d.dot(a.T_base_via.p_mm - c) < 0) return "arc goes the other way";
+    return path(a.speed_mm_s, b.speed_mm_s, a.is_exact, b.is_exact, a.blend_mm, b.blend_mm);
+  }
+  std::string operator()(const SpindleOn& a, const SpindleOn& b) const {
+    return std::abs(a.rpm - b.rpm) <= t.rpm_ratio * 50000 ? "" : "spindle " + number(b.rpm) + " instead of " + number(a.rpm);
+  }
+  std::string operator()(const SpindleOff&, const SpindleOff&) const { return ""; }
+  std::string operator()(const SetOutput& a, const SetOutput& b) const {
+    return a.output == b.output && a.value == b.value ? "" : "another output";
+  }
+  std::string operator()(const Wait& a, const Wait& b) const {
+    return std::abs(a.time_s - b.time_s) <= t.time_s + 1e-9 ? "" : "wait " + number(b.time_s) + " instead of " + number(a.time_s);
+  }
+  std::string operator()(const Comment& a, const Comment& b) const { return a.text == b.text ? "" : "comment \"" + b.text + "\""; }
+};
+
+}  // namespace
+
+std::string difference(const Program& wanted, const Program& got, const Tolerance& tolerance, bool is_in_base) {
+  const auto fold = [](std::string s) {
+    for (char& c : s) c = static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
+    return s;
+  };
+  if (fold(wanted.name) != fold(got.name)) return "name " + got.name;
+  if (wanted.header != got.header) return "header differs";
+  std::vector<Instruction> keep_a, keep_b;
+  const Flat a = flatten(wanted, keep_a), b = flatten(got, keep_b);
+  std::optional<Vec3> before;
+  for (std::size_t i = 0; i < std::min(a.steps.size(), b.steps.size()); ++i) {
+    const Compare c{tolerance, a.frame[i], is_in_base, before};
+    std::string d = std::visit(c, *a.steps[i], *b.steps[i]);
+    if (d.empty() && a.tool[i] != b.tool[i]) d = "another tool";
+    if (!d.empty()) return "step " + std::to_string(i + 1) + ": " + d;
+    if (const auto* m = std::get_if<MoveLinear>(a.steps[i])) before = m->T_base_tool.p_mm;
+    if (const auto* m = std::get_if<MoveCircular>(a.steps[i])) before = m->T_base_tool.p_mm;
+  }
+  if (a.steps.size() != b.steps.size())
+    return std::to_string(b.steps.size()) + " steps instead of " + std::to_string(a.steps.size());
+  return "";
+}
+
+}  // namespace asbuilt::support
