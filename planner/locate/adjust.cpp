@@ -1,0 +1,345 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Unknowns x: part's twist (6), robot parameters (n), faces (7 each). The cells speak about y: part's twist, one twist by
+// capture, faces; capture twists are linear in the robot parameters. Normal equations are gathered in y (sparse rows) and
+// carried over to x once per step.
+#include "planner/locate/adjust.hpp"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+
+namespace asbuilt {
+namespace {
+
+constexpr int kFace = 7;
+constexpr double kCaptureTuning = 3.0, kCellTuning = 4.0;  // robust losses bend here, in sd
+constexpr double kMedianOfChiSquare = 0.4549;              // one degree of freedom
+
+/// Rounds: how far points may lie and how generous the robust scale is, step by step.
+struct Stage {
+  double gate_ratio;
+  std::vector<double> slack_mm;
+};
+const Stage kStages[] = {{1.0, {1.0, 0.5, 0.3}}, {0.6, {0.2, 0.1}}, {0.45, {0.05, 0.02}}, {0.45, {0.0, 0.0}}, {0.45, {0.0, 0.0}}};
+
+double robust_weight(double residual, double scale, double tuning) {
+  const double u = residual / (tuning * scale);
+  const double w = 1.0 / (1.0 + u * u);
+  return w * w;
+}
+
+double median_of(std::vector<double> v) {
+  if (v.empty()) return 0;
+  std::nth_element(v.begin(), v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2), v.end());
+  return v[v.size() / 2];
+}
+
+struct Row {
+  Vec6 wrench;
+  Eigen::Matrix<double, kFace, 1> face;
+};
+
+class Adjustment {
+ public:
+  explicit Adjustment(const AdjustRequest& request)
+      : request_(request), cad_(*request.cad), prior_(*request.prior), captures_(static_cast<int>(request.cloud->captures.size())),
+        faces_(static_cast<int>(request.cad->face_centers.size())) {
+    AdjustState& s = out_.state;
+    s.T_base_part = request.start;
+    s.robot = Eigen::VectorXd::Zero(prior_.size);
+    s.faces = Eigen::VectorXd::Zero(kFace * faces_);
+    s.sensor_factor.assign(prior_.sensor_at.size(), 1.0);
+    robot_information_ = prior_.covariance.llt().solve(Eigen::MatrixXd::Identity(prior_.size, prior_.size));
+    map_.resize(6 * captures_, prior_.size);
+    for (int k = 0; k < captures_; ++k) map_.middleRows(6 * k, 6) = prior_.capture[static_cast<std::size_t>(k)];
+  }
+
+  Adjusted run() {
+    AdjustState& s = out_.state;
+    const int stages = std::min<int>(request_.rounds_count + 1, static_cast<int>(std::size(kStages)));
+    for (int stage = 0; stage < stages; ++stage) {
+      associate(std::max(0.5, kStages[stage].gate_ratio * request_.gate_mm));
+      if (out_.clusters.empty()) return std::move(out_);
+      Vec6 moved_by = Vec6::Zero();
+      for (const double slack : kStages[stage].slack_mm) {
+        moved_by += step(slack);
+        if (stage > 0) learn_sizes();
+      }
+      const double lever = 0.5 * cad_.size_mm;
+      s.step_mm = moved_by.head<3>().norm() + lever * moved_by.tail<3>().norm();
+      if (stage >= 2 && s.step_mm < 0.002) break;
+    }
+    out_.is_converged = s.step_mm < 0.02;
+    finish();
+    return std::move(out_);
+  }
+
+ private:
+  void associate(double gate_mm) {
+    ClusterRequest r;
+    r.cloud = request_.cloud, r.cad = &cad_, r.T_base_part = out_.state.T_base_part, r.center_base = prior_.center_base;
+    r.gate_mm = gate_mm, r.edge_band_mm = request_.edge_band_mm;
+    for (int k = 0; k < captures_; ++k) r.twists.push_back(out_.state.capture_twist(prior_, k));
+    out_.clusters = make_clusters(r);
+    rows_.clear();
+    for (const Cluster& c : out_.clusters) rows_.push_back({c.wrench, face_row(cad_, c.face, c.p_part, c.n_part)});
+    face_seen_.assign(static_cast<std::size_t>(faces_), 0);
+    for (const Cluster& c : out_.clusters) ++face_seen_[static_cast<std::size_t>(c.face)];
+    part_twist_ = Vec6::Zero();
+    cells_.clear();
+    for (std::size_t i = 0; i < out_.clusters.size();) {
+      std::size_t j = i + 1;
+      while (j < out_.clusters.size() && out_.clusters[j].face == out_.clusters[i].face && out_.clusters[j].cell == out_.clusters[i].cell) ++j;
+      cells_.emplace_back(i, j);
+      i = j;
+    }
+  }
+
+  double variance(const Cluster& c) const {
+    const double f = out_.state.sensor_factor[static_cast<std::size_t>(request_.cloud->captures[static_cast<std::size_t>(c.capture)].sensor)];
+    return f * f * c.variance_mm2;
+  }
+
+  /// Distances left over by part, captures and faces, before the cells' own offsets.
+  void residuals() {
+    const AdjustState& s = out_.state;
+    std::vector<Vec6> twists;
+    for (int k = 0; k < captures_; ++k) twists.push_back(s.capture_twist(prior_, k));
+    left_.resize(out_.clusters.size());
+    for (std::size_t i = 0; i < left_.size(); ++i) {
+      const Cluster& c = out_.clusters[i];
+      left_[i] = c.distance_mm + c.wrench.dot(twists[static_cast<std::size_t>(c.capture)] - part_twist_) -
+                 rows_[i].face.dot(s.faces.segment<kFace>(kFace * c.face));
+    }
+  }
+
+  void reweigh(double slack_mm) {
+    residuals();
+    const double cell_sd = out_.state.cell_sd_mm;
+    out_.weight.assign(left_.size(), 1.0);
+    out_.residual_mm.assign(left_.size(), 0.0);
+    std::vector<double> here;
+    for (const auto& [b, e] : cells_) {
+      here.assign(left_.begin() + static_cast<std::ptrdiff_t>(b), left_.begin() + static_cast<std::ptrdiff_t>(e));
+      double offset = e - b >= 3 ? median_of(here) : 0.0;
+      for (int pass = 0; pass < 3; ++pass) {
+        double sum = 0, total = 1.0 / (cell_sd * cell_sd + slack_mm * slack_mm);
+        for (std::size_t i = b; i < e; ++i) {
+          const double scale = std::sqrt(variance(out_.clusters[i]) + slack_mm * slack_mm);
+          const double w = e - b > 1 ? robust_weight(left_[i] - offset, scale, kCaptureTuning) : 1.0;
+          const double all = robust_weight(left_[i], std::hypot(scale, cell_sd), kCellTuning);
+          out_.weight[i] = w * all;
+          sum += out_.weight[i] * left_[i] / (scale * scale), total += out_.weight[i] / (scale * scale);
+        }
+        offset = sum / total;
+      }
+      for (std::size_t i = b; i < e; ++i) out_.residual_mm[i] = left_[i] - offset;
+    }
+  }
+
+  /// Normal equations in y = [part | captures | faces] around the present state.
+  void gather() {
+    const int n = 6 + 6 * captures_ + kFace * faces_;
+    H_ = Eigen::MatrixXd::Zero(n, n);
+    g_ = Eigen::VectorXd::Zero(n);
+    const double cell_information = 1.0 / (out_.state.cell_sd_mm * out_.state.cell_sd_mm);
+    std::vector<int> at;
+    std::vector<double> s;
+    for (const auto& [b, e] : cells_) {
+      const int face_at = 6 + 6 * captures_ + kFace * out_.clusters[b].face;
+      double total = cell_information, right = 0;
+      at.clear(), s.clear();
+      const auto open = [&](int first, int count) {
+        const std::size_t where = at.size();
+        for (int i = 0; i < count; ++i) at.push_back(first + i), s.push_back(0);
+        return where;
+      };
+      const std::size_t s_part = open(0, 6), s_face = open(face_at, kFace);
+      for (std::size_t i = b; i < e; ++i) {
+        const Cluster& c = out_.clusters[i];
+        const double w = out_.weight[i] / variance(c);
+        const int capture_at = 6 + 6 * c.capture;
+        const Mat6 ww = w * c.wrench * c.wrench.transpose();
+        const Eigen::Matrix<double, 6, kFace> wf = w * c.wrench * rows_[i].face.transpose();
+        H_.block<6, 6>(0, 0) += ww;
+        H_.block<6, 6>(0, capture_at) -= ww;
+        H_.block<6, 6>(capture_at, capture_at) += ww;
+        H_.block<6, kFace>(0, face_at) += wf;
+        H_.block<6, kFace>(capture_at, face_at) -= wf;
+        H_.block<kFace, kFace>(face_at, face_at) += w * rows_[i].face * rows_[i].face.transpose();
+        const double r = w * left_[i];
+        g_.segment<6>(0) -= r * c.wrench;
+        g_.segment<6>(capture_at) += r * c.wrench;
+        g_.segment<kFace>(face_at) -= r * rows_[i].face;
+        const std::size_t s_capture = open(capture_at, 6);
+        for (int a = 0; a < 6; ++a) {
+          s[s_part + static_cast<std::size_t>(a)] -= w * c.wrench[a];
+          s[s_capture + static_cast<std::size_t>(a)] += w * c.wrench[a];
+        }
+        for (int a = 0; a < kFace; ++a) s[s_face + static_cast<std::size_t>(a)] -= w * rows_[i].face[a];
+        total += w, right += r;
+      }
+      for (std::size_t a = 0; a < at.size(); ++a) {
+        if (s[a] == 0) continue;
+        g_[at[a]] -= s[a] * right / total;
+        const double sa = s[a] / total;
+        for (std::size_t d = 0; d < at.size(); ++d)
+          if (at[d] >= at[a]) H_(at[a], at[d]) -= sa * s[d];
+      }
+    }
+    H_ = H_.selfadjointView<Eigen::Upper>();
+  }
+
+  Eigen::VectorXd face_information() const {
+    const AdjustState& s = out_.state;
+    Eigen::VectorXd information(kFace * faces_);
+    for (int f = 0; f < faces_; ++f) {
+      const double sd = s.form_sd_mm, turn = sd / std::max(5.0, cad_.face_radii_mm[static_cast<std::size_t>(f)]);
+      information.segment<kFace>(kFace * f) << 1 / (sd * sd), Vec3::Constant(1 / (turn * turn)), Vec3::Constant(1 / (sd * sd));
+    }
+    return information;
+  }
+
+  /// Normal equations in x, priors added.
+  void carry_over() {
+    const int n = prior_.size, k6 = 6 * captures_, nf = kFace * faces_;
+    A_.resize(6 + n + nf, 6 + n + nf);
+    b_.resize(6 + n + nf);
+    const Eigen::MatrixXd zz = H_.block(6, 6, k6, k6) * map_;
+    A_.block(0, 0, 6, 6) = H_.block(0, 0, 6, 6) + request_.part_prior_information;
+    A_.block(0, 6, 6, n) = H_.block(0, 6, 6, k6) * map_;
+    A_.block(0, 6 + n, 6, nf) = H_.block(0, 6 + k6, 6, nf);
+    A_.block(6, 6, n, n) = map_.transpose() * zz + robot_information_;
+    A_.block(6, 6 + n, n, nf) = map_.transpose() * H_.block(6, 6 + k6, k6, nf);
+    A_.block(6 + n, 6 + n, nf, nf) = H_.block(6 + k6, 6 + k6, nf, nf);
+    const Eigen::VectorXd information = face_information();
+    A_.diagonal().tail(nf) += information;
+    A_ = A_.selfadjointView<Eigen::Upper>();
+    b_.head(6) = g_.head(6);
+    b_.segment(6, n) = map_.transpose() * g_.segment(6, k6) + robot_information_ * out_.state.robot;
+    b_.tail(nf) = g_.tail(nf) + information.cwiseProduct(out_.state.faces);
+  }
+
+  Vec6 step(double slack_mm) {
+    AdjustState& s = out_.state;
+    reweigh(slack_mm);
+    gather();
+    carry_over();
+    solver_.compute(A_);
+    const Eigen::VectorXd x = -solver_.solve(b_);
+    part_twist_ += x.head<6>();
+    s.robot += x.segment(6, prior_.size);
+    s.faces += x.tail(kFace * faces_);
+    // The pose takes the twist at once; what the cells were associated at stays, so their part twist is kept beside it.
+    const Pose<frame::Base, frame::Base> motion = pose_of_twist(x.head<6>(), prior_.center_base);
+    s.T_base_part = motion * s.T_base_part;
+    return x.head<6>();
+  }
+
+  void learn_sizes() {
+    AdjustState& s = out_.state;
+    residuals();
+    // Cells: spread of the offsets that single cells ask for, their own variance taken off.
+    std::vector<double> square;
+    std::vector<std::vector<double>> ratio(s.sensor_factor.size());
+    for (const auto& [b, e] : cells_) {
+      double sum = 0, total = 0;
+      for (std::size_t i = b; i < e; ++i) {
+        if (out_.weight[i] < 0.1) continue;
+        const double w = 1 / variance(out_.clusters[i]);
+        sum += w * left_[i], total += w;
+      }
+      if (total <= 0) continue;
+      const double mean = sum / total;
+      square.push_back(mean * mean - kMedianOfChiSquare / total);
+      for (std::size_t i = b; i < e; ++i)
+        for (std::size_t j = i + 1; j < e; ++j) {
+          const int a = sensor_of(i), d = sensor_of(j);
+          if (a != d) continue;
+          const double r = left_[i] - left_[j];
+          ratio[static_cast<std::size_t>(a)].push_back(r * r / (out_.clusters[i].variance_mm2 + out_.clusters[j].variance_mm2));
+        }
+    }
+    s.cell_sd_mm = std::clamp(std::sqrt(std::max(0.0, median_of(square)) / kMedianOfChiSquare), 0.004, 0.5);
+    for (std::size_t a = 0; a < ratio.size(); ++a)
+      if (ratio[a].size() >= 50) s.sensor_factor[a] = std::clamp(std::sqrt(median_of(ratio[a]) / kMedianOfChiSquare), 1.0, 10.0);
+    // Faces: offsets by expectation and maximisation (estimate plus its own variance).
+    double total = 0;
+    int count = 0;
+    const int first = 6 + prior_.size;
+    for (int f = 0; f < faces_; ++f) {
+      if (face_seen_[static_cast<std::size_t>(f)] < 6) continue;
+      const int at = first + kFace * f;
+      Eigen::VectorXd unit = Eigen::VectorXd::Zero(A_.rows());
+      unit[at] = 1;
+      const double own = solver_.solve(unit)[at];
+      total += s.faces[kFace * f] * s.faces[kFace * f] + own;
+      ++count;
+    }
+    if (count >= 3) s.form_sd_mm = std::clamp(std::sqrt((total + 4 * 0.1 * 0.1) / (count + 4)), 0.02, 1.5);
+  }
+
+  int sensor_of(std::size_t i) const { return request_.cloud->captures[static_cast<std::size_t>(out_.clusters[i].capture)].sensor; }
+
+  void finish() {
+    AdjustState& s = out_.state;
+    reweigh(0.0);
+    gather();
+    carry_over();
+    solver_.compute(A_);
+    const int kept = 6 + prior_.size;
+    Eigen::MatrixXd unit = Eigen::MatrixXd::Zero(A_.rows(), kept);
+    unit.topRows(kept).setIdentity();
+    s.covariance = solver_.solve(unit).topRows(kept);
+    s.covariance = 0.5 * (s.covariance + s.covariance.transpose()).eval();
+    // Part's own information: everything else eliminated.
+    s.data_information = s.covariance.topLeftCorner<6, 6>().inverse() - request_.part_prior_information;
+    double sum = 0, weight = 0, shared = 0, inlier = 0;
+    for (const auto& [b, e] : cells_) {
+      for (std::size_t i = b; i < e; ++i) {
+        sum += out_.weight[i] * left_[i] * left_[i], weight += out_.weight[i];
+        inlier += out_.weight[i] > 0.25;
+        for (std::size_t j = i + 1; j < e; ++j) {
+          if (out_.clusters[i].variance_mm2 > 4e-4 || out_.clusters[j].variance_mm2 > 4e-4) continue;  // fine sensors only
+          const double r = left_[i] - left_[j];
+          if (out_.weight[i] < 0.1 || out_.weight[j] < 0.1) continue;
+          shared += r * r;
+          ++s.shared_count;
+        }
+      }
+    }
+    s.rms_mm = weight > 0 ? std::sqrt(sum / weight) : 0.0;
+    s.shared_rms_mm = s.shared_count > 0 ? std::sqrt(shared / (2.0 * static_cast<double>(s.shared_count))) : 0.0;
+    s.cell_count = cells_.size(), s.cluster_count = out_.clusters.size();
+    s.inlier_ratio = out_.clusters.empty() ? 0.0 : inlier / static_cast<double>(out_.clusters.size());
+  }
+
+  const AdjustRequest& request_;
+  const CadModel& cad_;
+  const RobotPrior& prior_;
+  int captures_, faces_;
+  Adjusted out_;
+  std::vector<Row> rows_;
+  std::vector<std::pair<std::size_t, std::size_t>> cells_;
+  std::vector<int> face_seen_;
+  std::vector<double> left_;
+  Vec6 part_twist_ = Vec6::Zero();
+  Eigen::MatrixXd robot_information_, map_, H_, A_;
+  Eigen::VectorXd g_, b_;
+  Eigen::LDLT<Eigen::MatrixXd> solver_;
+};
+
+}  // namespace
+
+Eigen::Matrix<double, 7, 1> face_row(const CadModel& cad, int face, const Vec3& p_part, const Vec3& n_part) {
+  Eigen::Matrix<double, 7, 1> row = Eigen::Matrix<double, 7, 1>::Zero();
+  row[0] = 1;
+  row.segment<3>(1) = (p_part - cad.face_centers[static_cast<std::size_t>(face)]).cross(n_part);
+  const bool is_plane = face < static_cast<int>(cad.brep->faces.size()) && cad.brep->faces[static_cast<std::size_t>(face)].surface.shape.index() == 0;
+  if (!is_plane) row.tail<3>() = n_part;  // a plane's shift is its offset
+  return row;
+}
+
+Adjusted adjust(const AdjustRequest& request) { return Adjustment(request).run(); }
+
+}  // namespace asbuilt

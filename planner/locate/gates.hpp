@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// When the location is refused, with the number that decided and what to do next.
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include <tbb/parallel_for.h>
+
+#include "planner/locate/adjust.hpp"
+#include "planner/locate/locate.hpp"
+#include "planner/locate/search.hpp"
+
+namespace asbuilt {
+
+template <class T, class F>
+void for_each_parallel(std::vector<T>& all, const F& f) {
+  tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) { f(all[i]); });
+}
+
+/// locate.no_match: the best hypothesis does not look like the scan.
+std::optional<Refusal> check_match(const LocateRecipe& recipe, const Job& job, const std::vector<Candidate>& found);
+
+/// locate.ambiguous: another hypothesis explains the scan as well, and the edges to be worked are not the same under the motion.
+std::optional<Refusal> check_ambiguity(const LocateRecipe& recipe, const Job& job, const CadModel& cad, const std::vector<Candidate>& found);
+
+/// Information of the fixture's play about the part's twist (base, about center): half ranges as uniform, free angles as a turn.
+Mat6 play_information(const FixtureSpec& fixture, const Pose<frame::Base, frame::Part>& T_base_part, const Vec3& center_base);
+
+/// Fills singular_values and weak_directions: generalised eigenproblem of the data's information against the play's.
+void describe_observability(const CadModel& cad, const AdjustRequest& request, const Adjusted& adjusted, Location& location);
+
+/// locate.not_converged, locate.captures_contradict, locate.unobservable, locate.outside_play, locate.no_match.
+std::optional<Refusal> check_adjusted(const LocateRecipe& recipe, const Job& job, const CadModel& cad, const MeasuredCloud& cloud,
+                                      const RobotPrior& prior, const AdjustRequest& request, const Adjusted& adjusted, const Location& location);
+
+/// The two captures whose shared cells are farthest apart, measured in what calibration and robot allow (1 sd).
+struct Contradiction {
+  int capture_1 = -1, capture_2 = -1;
+  double apart_mm = 0, allowed_mm = 0, ratio = 0;
+  std::size_t cells_count = 0;
+};
+Contradiction worst_pair(const RobotPrior& prior, const AdjustRequest& request, const Adjusted& adjusted);
+
+}  // namespace asbuilt

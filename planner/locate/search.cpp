@@ -1,0 +1,207 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "planner/locate/search.hpp"
+
+#include <tbb/parallel_for.h>
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+
+namespace asbuilt {
+namespace {
+
+constexpr double kScoreReachMm = 14.0;
+
+/// Evenly spread rotations on S^3.
+std::vector<Eigen::Quaterniond> super_fibonacci(int count) {
+  const double phi = std::sqrt(2.0), psi = 1.533751168755204288118041;
+  std::vector<Eigen::Quaterniond> out;
+  for (int i = 0; i < count; ++i) {
+    const double s = i + 0.5, t = s / count, d = 2 * kPi * s;
+    const double r = std::sqrt(t), R = std::sqrt(1 - t), a = d / phi, b = d / psi;
+    out.emplace_back(R * std::cos(b), r * std::sin(a), r * std::cos(a), R * std::sin(b));
+  }
+  return out;
+}
+
+struct Descent {
+  const CadModel& cad;
+  const Scene& scene;
+  Pose<frame::Base, frame::Part> nominal;
+  Vec3 play_mm;
+  bool is_held;  // the fixture bounds where the part is
+
+  /// One damped step of point to plane; returns the mean score at the pose it was given.
+  double step(Pose<frame::Base, frame::Part>& T, std::size_t count, double reach_mm) const {
+    const Pose<frame::Part, frame::Base> inverse = T.inverse();
+    const Mat3 R = inverse.rotation();
+    Mat6 H = Mat6::Zero();
+    Vec6 g = Vec6::Zero();
+    double score = 0;
+    const double lever = 0.3 * cad.size_mm;
+    for (std::size_t i = 0; i < count; ++i) {
+      const ScenePoint& s = scene.points[i];
+      const Vec3 p = R * s.p_base + inverse.p_mm;
+      const auto hit = cad.grid.closest_rough(p);
+      if (!hit) continue;
+      const double d = std::abs(hit->distance_mm);
+      if (d >= reach_mm && d >= kScoreReachMm) continue;
+      if (s.n_base.squaredNorm() > 0.5 && hit->n.dot(R * s.n_base) < 0.4) continue;
+      if (d < kScoreReachMm) score += 1 - d * d / (kScoreReachMm * kScoreReachMm);
+      if (d >= reach_mm) continue;
+      const double u = 1 - d * d / (reach_mm * reach_mm), w = u * u;
+      const double r = (p - hit->p_mm).dot(hit->n);
+      Vec6 row;  // moving the part by (t, w) about its center, lengths by the lever
+      row << hit->n, (p - cad.center_part).cross(hit->n) / lever;
+      H.noalias() += w * row * row.transpose();
+      g.noalias() += w * r * row;
+    }
+    const double n = static_cast<double>(count);
+    H.diagonal().array() += 1e-3 * n;
+    if (is_held) {  // the fixture pulls back, softly inside its play
+      const Vec3 off = R * (T.point(cad.center_part) - (nominal * Pose<frame::Part, frame::Part>(nominal.q.conjugate() * T.q, Vec3::Zero())).point(cad.center_part));
+      const Vec3 play = play_mm.cwiseMax(2.0);
+      for (int a = 0; a < 3; ++a) H(a, a) += 0.05 * n / (play[a] * play[a]), g[a] -= 0.05 * n * off[a] / (play[a] * play[a]);
+    }
+    const Vec6 x = H.ldlt().solve(g);
+    const Eigen::Quaterniond turn = quat_exp(x.tail<3>() / lever);
+    const Vec3 shift = cad.center_part + x.head<3>() - turn * cad.center_part;
+    T = T * Pose<frame::Part, frame::Part>(turn, shift);
+    return score / std::max(1.0, n);
+  }
+
+  double score(const Pose<frame::Base, frame::Part>& T, std::size_t count) const {
+    Pose<frame::Base, frame::Part> copy = T;
+    return step(copy, count, 1.0);
+  }
+
+  Candidate descend_from(Pose<frame::Base, frame::Part> T, std::size_t count, const std::vector<double>& reaches, int steps) const {
+    for (const double reach : reaches)
+      for (int i = 0; i < steps; ++i) step(T, count, reach);
+    Candidate c;
+    c.T_base_part = T;
+    c.score = score(T, count);
+    return c;
+  }
+};
+
+void keep_best(std::vector<Candidate>& all, const Vec3& center_part, std::size_t most) {
+  std::stable_sort(all.begin(), all.end(), [](const Candidate& a, const Candidate& b) { return a.score > b.score; });
+  std::vector<Candidate> kept;
+  for (const Candidate& c : all) {
+    bool is_new = true;
+    for (const Candidate& k : kept) {
+      if (k.T_base_part.q.angularDistance(c.T_base_part.q) < rad_from_deg(4.0) &&
+          (k.T_base_part.point(center_part) - c.T_base_part.point(center_part)).norm() < 4.0) {
+        is_new = false;
+        break;
+      }
+    }
+    if (is_new) kept.push_back(c);
+    if (kept.size() == most) break;
+  }
+  all = std::move(kept);
+}
+
+}  // namespace
+
+std::vector<Pose<frame::Base, frame::Part>> starts(const FixtureSpec& fixture) {
+  const Pose<frame::Base, frame::Part> nominal = fixture.T_base_fixture * fixture.T_fixture_part;
+  int free_count = 0;
+  for (const auto& p : fixture.play_rad) free_count += !p || *p > rad_from_deg(175);
+  std::vector<Pose<frame::Base, frame::Part>> out;
+  if (free_count >= 2) {
+    for (const auto& q : super_fibonacci(4000)) out.push_back(nominal * Pose<frame::Part, frame::Part>(q, Vec3::Zero()));
+    return out;
+  }
+  std::array<std::vector<double>, 3> angles;
+  for (std::size_t a = 0; a < 3; ++a) {
+    if (!fixture.play_rad[a] || *fixture.play_rad[a] > rad_from_deg(175)) {
+      for (int i = 0; i < 360; ++i) angles[a].push_back(rad_from_deg(i));
+    } else {
+      const int side = static_cast<int>(std::floor(*fixture.play_rad[a] / rad_from_deg(8.0)));
+      for (int i = -side; i <= side; ++i) angles[a].push_back(i * rad_from_deg(8.0));
+    }
+  }
+  for (const double z : angles[2])
+    for (const double y : angles[1])
+      for (const double x : angles[0]) out.push_back(nominal * Pose<frame::Part, frame::Part>(quat_from_zyx(z, y, x), Vec3::Zero()));
+  return out;
+}
+
+std::vector<Candidate> descend(const CadModel& cad, const Scene& scene, const FixtureSpec& fixture) {
+  const Pose<frame::Base, frame::Part> nominal = fixture.T_base_fixture * fixture.T_fixture_part;
+  Descent descent{cad, scene, nominal, fixture.play_mm, true};
+  int free_count = 0;
+  for (const auto& p : fixture.play_rad) free_count += !p || *p > rad_from_deg(175);
+  const std::vector<Pose<frame::Base, frame::Part>> from = starts(fixture);
+  std::vector<Candidate> all(from.size());
+  const std::size_t few = std::min<std::size_t>(scene.points.size(), 200), some = std::min<std::size_t>(scene.points.size(), 1000);
+  const std::size_t many = std::min<std::size_t>(scene.points.size(), 4000);
+  tbb::parallel_for(std::size_t{0}, from.size(), [&](std::size_t i) { all[i] = descent.descend_from(from[i], few, {30, 20}, 4); });
+  keep_best(all, cad.center_part, free_count >= 2 ? 300 : 120);
+  tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) { all[i] = descent.descend_from(all[i].T_base_part, some, {20, 14, 10, 7, 5}, 3); });
+  keep_best(all, cad.center_part, 60);
+  tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) { all[i] = descent.descend_from(all[i].T_base_part, many, {5, 3}, 3); });
+  keep_best(all, cad.center_part, 60);
+  return all;
+}
+
+void look_along_rays(const CadModel& cad, const Scene& scene, const std::vector<Vec3>& sensor_base, std::size_t rays_max, Candidate& candidate) {
+  constexpr double kInside = 0.9, kFront = 0.09, kBehind = 0.01, kRangeMm = 150.0;  // shares of a reading, and its width
+  constexpr double kCorrelation = 6.0;                                              // neighbours that tell the same
+  const Pose<frame::Part, frame::Base> inverse = candidate.T_base_part.inverse();
+  const Mat3 R = inverse.rotation();
+  const std::size_t stride = std::max<std::size_t>(1, scene.rays.size() / std::max<std::size_t>(1, rays_max));
+  const Box3 box = cad.brep->mesh.box();
+  double sum = 0;
+  std::size_t on = 0, front = 0, behind = 0;
+  for (std::size_t i = 0; i < scene.rays.size(); i += stride) {
+    const ScenePoint& s = scene.rays[i];
+    const Vec3 p = R * s.p_base + inverse.p_mm, o = R * sensor_base[static_cast<std::size_t>(s.capture)] + inverse.p_mm;
+    const double sigma = std::max(3 * s.sigma_mm, 1.0);
+    const double distance = cad.grid.distance(p);
+    const double range = (p - o).norm();
+    const Vec3 d = (p - o) / range;
+    // Does the ray come near the part at all?
+    Vec3 near = Vec3::Zero();
+    double enter = 0, leave = 1e9;
+    for (int a = 0; a < 3; ++a) {
+      if (std::abs(d[a]) < 1e-12) {
+        if (o[a] < box.min_mm[a] || o[a] > box.max_mm[a]) leave = -1;
+        continue;
+      }
+      const double t0 = (box.min_mm[a] - o[a]) / d[a], t1 = (box.max_mm[a] - o[a]) / d[a];
+      enter = std::max(enter, std::min(t0, t1)), leave = std::min(leave, std::max(t0, t1));
+    }
+    (void)near;
+    if (distance < 4 * sigma) {  // on the surface, unless hidden behind another one
+      const auto hit = enter <= leave ? cad.query.first_hit(o, d) : std::nullopt;
+      const double hidden = hit ? range - hit->distance_mm : 0.0;
+      if (!s.is_known || hidden > -4 * sigma) {
+        if (hidden > 4 * sigma + 6.0 && hit) {
+          sum += std::log(kBehind / kRangeMm), ++behind;
+        } else {
+          const double u = distance / sigma;
+          sum += std::log(kInside * std::exp(-0.5 * u * u) / (sigma * 2.5066282746310002) + kFront / kRangeMm), ++on;
+        }
+        continue;
+      }
+    }
+    const auto hit = enter <= leave ? cad.query.first_hit(o, d) : std::nullopt;
+    if (hit && range > hit->distance_mm + 4 * sigma) {
+      sum += std::log(kBehind / kRangeMm), ++behind;  // looked through where the part should be
+    } else if (s.is_known) {
+      continue;  // explained by the fixture, whatever the hypothesis
+    } else {
+      sum += std::log(kFront / kRangeMm);
+      if (hit) ++front;
+    }
+  }
+  candidate.log_likelihood = sum / kCorrelation;
+  candidate.rays_count = on + front + behind;
+  candidate.inlier_ratio = candidate.rays_count > 0 ? static_cast<double>(on) / static_cast<double>(candidate.rays_count) : 0.0;
+  candidate.see_through_ratio = candidate.rays_count > 0 ? static_cast<double>(behind) / static_cast<double>(candidate.rays_count) : 0.0;
+}
+
+}  // namespace asbuilt

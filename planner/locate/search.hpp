@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Where the part may sit, without any guess beyond the fixture's nominal pose and play: many starts, a slow descent on the
+// drawing's distance grid, and a look along every ray to decide between what is left.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "planner/locate/cad_model.hpp"
+#include "planner/locate/scene.hpp"
+
+namespace asbuilt {
+
+struct Candidate {
+  Pose<frame::Base, frame::Part> T_base_part;
+  double score = 0;            // of the descent, 0..1
+  double log_likelihood = 0;   // by rays, discounted for neighbours' correlation
+  double inlier_ratio = 0;     // rays that end on the part, of those that should
+  double see_through_ratio = 0;
+  std::size_t rays_count = 0;  // that should end on the part
+};
+
+/// Every start that the fixture leaves open: bounded angles in steps of 8 deg, a free angle in steps of 1 deg, two or three
+/// free angles as 4000 rotations spread evenly (Alexa, Super-Fibonacci Spirals, CVPR 2022).
+std::vector<Pose<frame::Base, frame::Part>> starts(const FixtureSpec& fixture);
+
+/// Frames: base. Best first by score; duplicates (4 deg and 4 mm at the part's center) are merged, the better kept.
+std::vector<Candidate> descend(const CadModel& cad, const Scene& scene, const FixtureSpec& fixture);
+
+/// Fills likelihood and ratios. Method: first hit of the hypothesised part along each measured ray; extra material is cheap,
+/// a ray that passes through where the part should be is dear; what lies on the known fixture says nothing.
+void look_along_rays(const CadModel& cad, const Scene& scene, const std::vector<Vec3>& sensor_base, std::size_t rays_max, Candidate& candidate);
+
+}  // namespace asbuilt
