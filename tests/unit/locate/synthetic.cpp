@@ -281,6 +281,7 @@ Truth scan(Job& job, const std::vector<View>& views, const ScanOptions& o) {
     const Pose<frame::Base, frame::Flange> real_flange = flange.disturbed(xi);
     truth.T_base_flange_true.push_back(real_flange);
     const Pose<frame::Base, frame::Sensor> eye = real_flange * true_sensors[static_cast<std::size_t>(v.sensor)];
+    truth.T_base_sensor_true.push_back(eye);
     Capture c;
     c.name = (v.sensor == 0 ? "wide_" : "detail_") + std::to_string(number++) + ".ply";
     c.sensor = v.sensor, c.T_base_flange = flange;
@@ -308,7 +309,6 @@ Truth scan(Job& job, const std::vector<View>& views, const ScanOptions& o) {
     }
     job.captures.push_back(std::move(c));
   }
-  truth.T_base_part_command = truth.T_base_part;
   return truth;
 }
 

@@ -45,9 +45,9 @@ std::vector<View> usual_views(const std::vector<std::pair<std::string, Vec3>>& f
 
 struct Truth {
   Pose<frame::Base, frame::Part> T_base_part;          // true
-  Pose<frame::Base, frame::Part> T_base_part_command;  // as the controller has to be told, for the first feature's posture
   Eigen::VectorXd arm;                                 // parameters of the error model
   std::vector<Pose<frame::Base, frame::Flange>> T_base_flange_true;
+  std::vector<Pose<frame::Base, frame::Sensor>> T_base_sensor_true;
 };
 struct ScanOptions {
   std::uint64_t seed = 1;
