@@ -50,5 +50,93 @@ TEST(BatchParts, AreReadWhole) {
   }
 }
 
+double rel(double a, double b) { return b != 0 ? std::abs(a - b) / std::abs(b) : std::abs(a); }
+
+/// The oracle's word for a surface -> ours.
+std::string kind_of_oracle(const std::string& k) {
+  if (k.rfind("BSpline", 0) == 0 || k.rfind("Bezier", 0) == 0) return "bspline";
+  if (k == "SurfaceOfRevolution") return "revolution";
+  if (k == "SurfaceOfExtrusion") return "extrusion";
+  if (k == "OffsetSurface") return "offset";
+  std::string s = k;
+  for (char& c : s) c = static_cast<char>(std::tolower(c));
+  if (s == "toroid") return "torus";
+  return s;
+}
+
+/// Number at a key; 0 where it is absent or null.
+template <class T>
+T number_at(const nlohmann::json& j, const std::string& key) {
+  return j.is_object() && j.contains(key) && (j[key].is_number() || j[key].is_boolean()) ? j[key].get<T>() : T{};
+}
+
+TEST(Corpus, AgreesWithAnIndependentKernel) {
+  const fs::path root = "../shared/data/step";
+  if (!fs::exists(root / "oracle.json")) GTEST_SKIP() << "no ../shared/data/step here";
+  const auto oracle = nlohmann::json::parse(std::ifstream(root / "oracle.json"))["files"];
+  const char* only = std::getenv("ASBUILT_STEP_ONLY");
+  double total_s = 0;
+  int bad = 0, files = 0;
+  for (const auto& [name, entry] : oracle.items()) {
+    nlohmann::json o = entry;
+    if (only && name.find(only) == std::string::npos) continue;
+    ++files;
+    const std::string bytes = bytes_of(root / name);
+    const auto t0 = std::chrono::steady_clock::now();
+    const auto r = read_step(bytes, name);
+    const double s = std::chrono::duration<double>(std::chrono::steady_clock::now() - t0).count();
+    total_s += s;
+    const int want_faces = o["occ"].is_object() ? number_at<int>(o["occ"], "faces") : 0;
+    if (!r) {
+      const bool ok = want_faces == 0;
+      bad += !ok;
+      std::printf("%s %-44s %6.2fs refused %s: %s\n", ok ? "ok " : "BAD", name.c_str(), s, r.error()[0].code.c_str(), r.error()[0].message.substr(0, 100).c_str());
+      continue;
+    }
+    const Brep& b = r->artefact;
+    nlohmann::json occ = o["occ"].is_object() ? o["occ"] : nlohmann::json::object();
+    const double area = number_at<double>(occ, "area"), volume = number_at<double>(occ, "volume");
+    const nlohmann::json trust = o["trust"].is_object() ? o["trust"] : nlohmann::json::object();
+    const nlohmann::json occ_lengths = occ.contains("edges") ? occ["edges"].value("length", nlohmann::json::object()) : nlohmann::json::object();
+    std::string problems;
+    const auto problem = [&](const std::string& what) { problems += " " + what; };
+    char text[200];
+    if (static_cast<int>(b.faces.size()) != want_faces) problem("faces " + std::to_string(b.faces.size()) + "/" + std::to_string(want_faces));
+    if (b.solids_count != number_at<int>(occ, "solids")) problem("solids " + std::to_string(b.solids_count) + "/" + std::to_string(number_at<int>(occ, "solids")));
+    if (number_at<bool>(trust, "area") && rel(b.area_mm2, area) > 1e-3) std::snprintf(text, sizeof text, "area %.5g/%.5g", b.area_mm2, area), problem(text);
+    if (number_at<bool>(trust, "volume") && b.solids_count > 0 && rel(b.volume_mm3, volume) > 1e-3)
+      std::snprintf(text, sizeof text, "volume %.5g/%.5g", b.volume_mm3, volume), problem(text);
+    auto mine = lengths(b);
+    if (number_at<bool>(trust, "edges")) {
+      const double want = number_at<double>(occ_lengths, "sharp_convex");
+      if (rel(mine["sharp_convex"], want) > 5e-3 && std::abs(mine["sharp_convex"] - want) > 1e-3)
+        std::snprintf(text, sizeof text, "convex %.5g/%.5g", mine["sharp_convex"], want), problem(text);
+      double total = 0;
+      for (const auto& [k, v] : occ_lengths.items()) total += number_at<double>(occ_lengths, k);
+      for (const std::string k : {"sharp_concave", "smooth", "near"}) {
+        const double w = number_at<double>(occ_lengths, k);
+        if (std::abs(mine[k] - w) > 0.01 * total) std::snprintf(text, sizeof text, "%s %.5g/%.5g", k.c_str(), mine[k], w), problem(text);
+      }
+    }
+    std::map<std::string, int> by_mine, by_oracle;
+    for (const BrepFace& f : b.faces) ++by_mine[std::string(surface_type(f.surface))];
+    const nlohmann::json kinds = occ.value("faces_by_surface", nlohmann::json::object());
+    for (const auto& [k, v] : kinds.items()) by_oracle[kind_of_oracle(k)] += number_at<int>(v, "n");
+    if (by_mine != by_oracle) problem("kinds");
+    if (b.open_edges_count && number_at<int>(occ, "sheet_faces") == 0) problem("open " + std::to_string(b.open_edges_count));
+    int faults = 0;
+    std::string first;
+    for (const BrepFace& f : b.faces)
+      if (!f.fault.empty() && faults++ == 0) first = f.id + " " + std::string(surface_type(f.surface)) + ": " + f.fault;
+    if (faults) problem("faults " + std::to_string(faults) + " [" + first + "]");
+    if (!b.unread.empty()) problem("unread " + std::to_string(b.unread.size()) + " [" + b.unread[0].why + "]");
+    bad += !problems.empty();
+    std::printf("%s %-44s %6.2fs %6zu tri%s\n", problems.empty() ? "ok " : "BAD", name.c_str(), s, b.mesh.triangles.size(), problems.c_str());
+    std::fflush(stdout);
+  }
+  std::printf("%d files, %d with differences, %.2f s\n", files, bad, total_s);
+  EXPECT_EQ(bad, 0);
+}
+
 }  // namespace
 }  // namespace asbuilt
