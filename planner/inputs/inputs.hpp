@@ -3,6 +3,7 @@
 #pragma once
 
 #include <filesystem>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -26,19 +27,40 @@ struct Batch {
   std::string cell, calibration;
   std::vector<std::string> recipes;
   std::vector<BatchItem> items;
+  std::map<std::string, int> lines;  // where each field stands in the batch file, for messages
 };
 
-/// Reads and checks the batch file itself: ids unique, every named file present. Refuses input.*.
+/// Reads and checks the batch file itself: keys, ids unique, the files that all items share present. What one item names is
+/// checked by load_job, so that one bad item does not stop the others. Refuses input.*.
 Result<Done<Batch>> load_batch(const std::filesystem::path& file, const InputsRecipe& recipe);
 
 /// Reads and checks everything one item needs. A fault of a shared file (cell, calibration, recipe) is reported for every item.
+///
+/// Frames    out: as the artefact names them; link meshes in base with every joint at 0, tool and sensor meshes in flange,
+///           obstacles placed in base, clouds in their sensor's frame.
+/// Units     in: mm, degree, s. out: mm, rad, s.
+/// Refuses   input.* (docs/formats.md lists them), step.* of the CAD reader; all that are found, each with file, line, field.
+/// Promises  same bytes for same bytes; the order of keys does not matter (Inputs.order_of_keys_does_not_matter).
 Result<Done<Job>> load_job(const Batch& batch, const std::string& item_id, const InputsRecipe& recipe);
 
-/// SHA-256 over the bytes of every file the item reads, in order of path, without parsing clouds or CAD: the item's cache key.
+/// SHA-256 over the bytes of every file the item reads, in order of path, and its entry in the batch file, without parsing
+/// clouds or CAD: the item's cache key.
 std::string job_inputs_hash(const Batch& batch, const std::string& item_id, const InputsRecipe& recipe);
+
+/// Reads one cell file by itself, for commands that need no batch. Its folder is the root.
+Result<Done<CellSpec>> load_cell(const std::filesystem::path& file, const InputsRecipe& recipe);
+
+/// Every fault of one file of a kind, by itself; empty when there is none. Other files it names are not opened.
+Refusals check_file(const std::string& kind, const std::filesystem::path& file);
+
+/// The kinds of YAML files, in the order of the documentation.
+std::vector<std::string> file_kinds();
 
 /// JSON Schema of a kind of file ("part", "recipe", "cell", "fixture", "calibration", "scans", "batch", "captures"), from the
 /// same field list that the loader checks against. Empty for an unknown kind.
 std::string schema_json(const std::string& kind);
+
+/// The table of docs/formats.md for a kind of file, from the same list, as Markdown. Empty for an unknown kind.
+std::string schema_table(const std::string& kind);
 
 }  // namespace asbuilt

@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The generated batches beside the project load whole; skipped where they are absent.
+#include <gtest/gtest.h>
+
+#include <filesystem>
+
+#include "planner/inputs/inputs.hpp"
+
+namespace asbuilt {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string text_of(const Refusals& all) {
+  std::string text;
+  for (const Refusal& r : all) text += r.code + " | " + r.where + " | " + r.message + "\n";
+  return text;
+}
+
+class SharedBatch : public testing::TestWithParam<const char*> {};
+
+TEST_P(SharedBatch, loads) {
+  const fs::path file = fs::path("../shared/data/batches") / GetParam() / "batch/batch.yaml";
+  if (!fs::exists(file)) GTEST_SKIP() << "no " << file;
+  const auto batch = load_batch(file, {});
+  ASSERT_TRUE(batch) << text_of(batch.error());
+  const std::string id = batch->artefact.items.at(0).id;
+  const auto job = load_job(batch->artefact, id, {});
+  ASSERT_TRUE(job) << text_of(job.error());
+  const Job& j = job->artefact;
+  EXPECT_EQ(j.cell.robot.links.size(), 7u);
+  EXPECT_TRUE(j.cell.sensors.at(0).is_calibrated && j.cell.sensors.at(1).is_calibrated);
+  EXPECT_EQ(j.taken, "2026-11-22");
+  for (const Capture& c : j.captures) {
+    EXPECT_GT(c.points_sensor.size(), 1000u);
+    EXPECT_GT(c.T_base_flange.p_mm.norm(), 500);
+  }
+  EXPECT_EQ(job_inputs_hash(batch->artefact, id, {}), job_inputs_hash(batch->artefact, id, {}));
+  for (const Note& n : job->notes) std::cout << n.code << " | " << n.where << " | " << n.text << "\n";
+  for (const FeatureSpec& f : j.part.features) {
+    std::cout << f.id << ":";
+    for (const int e : f.edges) std::cout << " " << j.part.brep.edges[std::size_t(e)].id;
+    std::cout << "\n";
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Inputs, SharedBatch, testing::Values("ring", "bracket", "casting"));
+
+}  // namespace
+}  // namespace asbuilt
