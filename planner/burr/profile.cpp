@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "planner/burr/profile.hpp"
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+
+namespace asbuilt::burring {
+
+namespace {
+
+double normal_cdf(double x) { return 0.5 * std::erfc(-x / std::sqrt(2.0)); }
+
+/// Fine where burrs are low, then in steps of 2 %.
+std::vector<double> height_grid(double height_max_mm) {
+  std::vector<double> h{0};
+  while (h.back() < height_max_mm) h.push_back(h.back() + std::max(0.01, 0.02 * h.back()));
+  return h;
+}
+
+Eigen::MatrixXd transition(const ChainOptions& o, const std::vector<double>& h, const Eigen::VectorXd& width, double step_mm) {
+  const int n = static_cast<int>(h.size());
+  Eigen::MatrixXd t(n, n);
+  const double jump = std::min(0.5, o.jump_ratio * step_mm);
+  for (int i = 0; i < n; ++i) {
+    const double sd = (o.walk_mm + o.walk_ratio * h[i]) * std::sqrt(step_mm);
+    for (int j = 0; j < n; ++j) t(i, j) = std::exp(-0.5 * (h[j] - h[i]) * (h[j] - h[i]) / (sd * sd)) * width(j);
+    t.row(i) *= (1 - jump) / t.row(i).sum();
+    // A jump lands anywhere, rather low than high.
+    double total = 0;
+    for (int j = 0; j < n; ++j) total += width(j) / (0.2 + h[j]);
+    for (int j = 0; j < n; ++j) t(i, j) += jump * (0.3 * (j == 0) + 0.7 * width(j) / (0.2 + h[j]) / total);
+  }
+  return t;
+}
+
+}  // namespace
+
+ChainPosterior height_profile(const ChainOptions& o, const std::vector<double>& stations, const std::vector<HeightSample>& samples,
+                              const std::vector<double>& density, bool is_closed) {
+  const int count = static_cast<int>(stations.size());
+  const std::vector<double> h = height_grid(o.height_max_mm);
+  const int n = static_cast<int>(h.size());
+  Eigen::VectorXd width(n);
+  for (int i = 0; i < n; ++i) width(i) = 0.5 * (h[std::min(n - 1, i + 1)] - h[std::max(0, i - 1)]);
+  const double step = count > 1 ? (stations.back() - stations.front()) / (count - 1) : 1;
+
+  // Samples are a Poisson process over the fin's flank: rate `density` up to the height, a thin rate of outliers everywhere.
+  Eigen::MatrixXd emission = Eigen::MatrixXd::Zero(n, count);  // log
+  for (const HeightSample& p : samples) {
+    const int j = std::clamp(static_cast<int>(std::lround((p.s_mm - stations.front()) / std::max(step, 1e-9))), 0, count - 1);
+    for (int i = 0; i < n; ++i)
+      emission(i, j) += o.sample_weight * std::log(p.inlier_ratio * density[j] * normal_cdf((h[i] - p.height_mm) / p.sigma_mm) + o.outliers_mm2);
+  }
+  for (int j = 0; j < count; ++j)
+    for (int i = 0; i < n; ++i)
+      if (h[i] > o.threshold_mm) emission(i, j) -= o.sample_weight * density[j] * (h[i] - o.threshold_mm) * step;
+
+  const Eigen::MatrixXd t = transition(o, h, width, step);
+  Eigen::MatrixXd e(n, count);
+  for (int j = 0; j < count; ++j) e.col(j) = (emission.col(j).array() - emission.col(j).maxCoeff()).exp();
+  Eigen::VectorXd start(n);
+  for (int i = 0; i < n; ++i) start(i) = (i == 0 ? 0.02 : 0.0) + width(i) / (0.2 + h[i]);
+  start /= start.sum();
+  Eigen::MatrixXd forward(n, count), backward(n, count);
+  // A closed edge is run through twice, so that its first station has a past.
+  Eigen::VectorXd before = start;
+  for (int lap = 0; lap < (is_closed ? 2 : 1); ++lap)
+    for (int j = 0; j < count; ++j) {
+      Eigen::VectorXd a = (lap == 0 && j == 0) ? start : Eigen::VectorXd(t.transpose() * before);
+      a.array() *= e.col(j).array();
+      const double total = a.sum();
+      before = total > 0 ? Eigen::VectorXd(a / total) : start;
+      forward.col(j) = before;
+    }
+  Eigen::VectorXd after = Eigen::VectorXd::Ones(n);
+  for (int lap = 0; lap < (is_closed ? 2 : 1); ++lap)
+    for (int j = count - 1; j >= 0; --j) {
+      if (!(lap == 0 && j == count - 1)) after = t * Eigen::VectorXd(after.array() * e.col(j + 1 < count ? j + 1 : 0).array());
+      const double total = after.maxCoeff();
+      if (total > 0) after /= total;
+      backward.col(j) = after;
+    }
+  ChainPosterior out;
+  for (int j = 0; j < count; ++j) {
+    Eigen::VectorXd p = forward.col(j).array() * backward.col(j).array();
+    const double total = p.sum();
+    if (total > 0) p /= total;
+    else p = start;
+    double mean = 0, square = 0, none = 0, sum = 0, upper = h.back();
+    bool has_upper = false;
+    for (int i = 0; i < n; ++i) {
+      mean += p(i) * h[i], square += p(i) * h[i] * h[i];
+      if (h[i] <= o.threshold_mm) none += p(i);
+      sum += p(i);
+      if (!has_upper && sum >= 0.975) upper = h[i], has_upper = true;
+    }
+    out.mean_mm.push_back(mean), out.sd_mm.push_back(std::sqrt(std::max(0.0, square - mean * mean)));
+    out.upper_mm.push_back(upper), out.none_ratio.push_back(none);
+  }
+  return out;
+}
+
+}  // namespace asbuilt::burring

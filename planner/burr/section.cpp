@@ -1,0 +1,136 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#include "planner/burr/section.hpp"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "planner/geom/polyline_index.hpp"
+
+namespace asbuilt::burring {
+
+namespace {
+
+/// Height over a face near the edge: the local plane of the station, bent as the fitted surface bends across the edge.
+struct FaceFrame {
+  bool is_plane = true;
+  const Surface* surface = nullptr;
+  double outward = 1;
+  std::vector<double> lift;     // of the station over the fitted surface
+  std::vector<Vec3> n_surface;  // outward normal of the fitted surface at the station
+};
+
+FaceFrame frame_of(const SurfaceFit& fit, const std::vector<Vec3>& stations) {
+  FaceFrame out;
+  out.is_plane = std::holds_alternative<PlaneSurface>(fit.surface_part.shape);
+  if (out.is_plane) return out;
+  out.surface = &fit.surface_part;
+  out.outward = fit.same_sense ? 1 : -1;
+  for (const Vec3& p : stations) {
+    const SurfaceFoot foot = project(*out.surface, p);
+    out.lift.push_back(out.outward * foot.signed_distance_mm);
+    out.n_surface.push_back(out.outward * foot.n);
+  }
+  return out;
+}
+
+double height_over(const FaceFrame& frame, const Vec3& p, const Vec3& v, const Vec3& n, std::size_t i, double t) {
+  if (frame.is_plane) return v.dot(n);
+  const SurfaceFoot foot = project(*frame.surface, p);
+  const double lift = (1 - t) * frame.lift[i] + t * frame.lift[i + 1];
+  const Vec3 n_surface = ((1 - t) * frame.n_surface[i] + t * frame.n_surface[i + 1]).normalized();
+  return frame.outward * foot.signed_distance_mm - lift + v.dot(n - n_surface);
+}
+
+double median_of(std::vector<double> v) {
+  if (v.empty()) return 0;
+  std::nth_element(v.begin(), v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2), v.end());
+  return v[v.size() / 2];
+}
+
+}  // namespace
+
+std::vector<EdgeSection> cut_sections(const SectionOptions& options, const MeasuredCloud& cloud, const Location& location,
+                                      const Features& features, const std::vector<char>& use) {
+  std::vector<std::vector<Vec3>> lines;
+  std::vector<FaceFrame> frames_1, frames_2;
+  for (const AdaptedEdge& e : features.edges) {
+    lines.push_back(e.adapted);
+    frames_1.push_back(frame_of(e.surface_1, e.adapted)), frames_2.push_back(frame_of(e.surface_2, e.adapted));
+  }
+  const PolylineIndex index(lines, options.reach_mm);
+  const Pose<frame::Part, frame::Base> T_part_base = location.T_base_part.inverse();
+
+  struct Found {
+    int edge = -1;
+    int kind = 0;  // 0 proud, 1 / 2 on a face
+    SectionPoint point;
+  };
+  std::vector<Found> found(cloud.p_base.size());
+  for (std::size_t k = 0; k < cloud.captures.size(); ++k) {
+    if (!use[k]) continue;
+    const auto correction = k < features.corrections.size() ? features.corrections[k] : Pose<frame::Base, frame::Base>{};
+    const auto T = T_part_base * correction;
+    const Mat3 rotation = T.rotation();
+    const Vec3 eye = T.point(cloud.captures[k].T_base_sensor.p_mm);
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(cloud.captures[k].begin, cloud.captures[k].end, 2048),
+                      [&](const tbb::blocked_range<std::size_t>& range) {
+                        std::vector<PolylineFoot> near;
+                        for (std::size_t i = range.begin(); i < range.end(); ++i) {
+                          const Vec3 p = rotation * cloud.p_base[i] + T.p_mm;
+                          index.near(p, near);
+                          const PolylineFoot* best = nullptr;  // the nearest edge has the point
+                          for (const PolylineFoot& f : near)
+                            if (!f.is_beyond && (!best || f.distance_mm < best->distance_mm)) best = &f;
+                          if (!best) continue;
+                          const AdaptedEdge& e = features.edges[best->line];
+                          const std::size_t a = static_cast<std::size_t>(best->segment);
+                          const Vec3 v = p - best->p;
+                          const Vec3 n_1 = ((1 - best->t) * e.n_1[a] + best->t * e.n_1[a + 1]).normalized();
+                          const Vec3 n_2 = ((1 - best->t) * e.n_2[a] + best->t * e.n_2[a + 1]).normalized();
+                          const double f_1 = height_over(frames_1[best->line], p, v, n_1, a, best->t);
+                          const double f_2 = height_over(frames_2[best->line], p, v, n_2, a, best->t);
+                          const double out = std::max(f_1, f_2);
+                          Found& f = found[i];
+                          f.point = {static_cast<float>(best->s_mm), static_cast<float>(f_1), static_cast<float>(f_2),
+                                     std::max(1e-4f, cloud.sigma_mm[i]), static_cast<int>(k)};
+                          const Vec3 ray = (p - eye).normalized();
+                          f.point.sigma_mm *= static_cast<float>(std::max(0.3, std::abs(ray.dot(f_1 > f_2 ? n_1 : n_2))));
+                          if (out > options.threshold_mm) {
+                            // A burr stands on the edge: what hangs over a face farther off than it stands out is no burr.
+                            if (v.norm() > 1.45 * out + 0.25) continue;
+                            f.kind = 0, f.edge = best->line;
+                          } else if (std::abs(out) <= options.threshold_mm) {
+                            const double inside = -std::min(f_1, f_2);
+                            if (inside < 0.25 || inside > 2.5) continue;
+                            f.kind = f_1 > f_2 ? 1 : 2, f.edge = best->line;
+                          }
+                        }
+                      });
+  }
+  std::vector<EdgeSection> out(features.edges.size());
+  std::vector<std::vector<double>> heights_1(out.size()), heights_2(out.size());
+  for (const Found& f : found) {
+    if (f.edge < 0) continue;
+    EdgeSection& section = out[f.edge];
+    if (f.kind == 0) {
+      section.proud.push_back(f.point);
+    } else {
+      (f.kind == 1 ? section.face_1_s : section.face_2_s).push_back(f.point.s_mm);
+      (f.kind == 1 ? heights_1 : heights_2)[f.edge].push_back(f.kind == 1 ? f.point.f_1_mm : f.point.f_2_mm);
+    }
+  }
+  for (std::size_t e = 0; e < out.size(); ++e) {
+    std::sort(out[e].face_1_s.begin(), out[e].face_1_s.end()), std::sort(out[e].face_2_s.begin(), out[e].face_2_s.end());
+    out[e].offset_1_mm = median_of(heights_1[e]), out[e].offset_2_mm = median_of(heights_2[e]);
+    std::vector<double> spread;
+    for (const double h : heights_1[e]) spread.push_back(std::abs(h - out[e].offset_1_mm));
+    for (const double h : heights_2[e]) spread.push_back(std::abs(h - out[e].offset_2_mm));
+    out[e].noise_mm = 1.4826 * median_of(std::move(spread));
+  }
+  return out;
+}
+
+}  // namespace asbuilt::burring

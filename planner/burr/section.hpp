@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// The measured points around every station of every edge, in the cross-section's coordinates: how far out over each of the two
+// fitted faces (extended past the edge), how far along the edge, and what kind of point it is.
+#pragma once
+
+#include <vector>
+
+#include "planner/artefacts/cloud.hpp"
+#include "planner/artefacts/features.hpp"
+#include "planner/artefacts/location.hpp"
+
+namespace asbuilt::burring {
+
+struct SectionPoint {
+  float s_mm, f_1_mm, f_2_mm, sigma_mm;  // sigma across the section
+  int capture;
+  float out_mm() const { return std::max(f_1_mm, f_2_mm); }
+};
+
+struct EdgeSection {
+  std::vector<SectionPoint> proud;        // standing out near the edge: burr, and what is not
+  std::vector<float> face_1_s, face_2_s;  // arc lengths of points on the faces close to the edge: proof of sight, ascending
+  double noise_mm = 0;                    // robust sd of the height of the face points close to the edge
+  double offset_1_mm = 0, offset_2_mm = 0;  // median height of those points: what the fit left
+};
+
+struct SectionOptions {
+  double reach_mm = 5;        // around the edge
+  double threshold_mm = 0.03; // points standing out more than this are proud
+};
+
+/// Only captures with use[k]. In order of edges; within an edge in order of the cloud.
+std::vector<EdgeSection> cut_sections(const SectionOptions& options, const MeasuredCloud& cloud, const Location& location,
+                                      const Features& features, const std::vector<char>& use);
+
+}  // namespace asbuilt::burring
