@@ -160,7 +160,7 @@ Result<Done<Burrs>> measure_burrs(const BurrRecipe& recipe, const Job& job, cons
     for (std::size_t i = 0; i < count; ++i) {
       const bool is_seen = coverage[i] > 0;
       if (!is_seen) ++unseen;
-      const bool is_none = posterior.none_ratio[i] > 0.9 && coverage[i] >= recipe.coverage_min_ratio;
+      const bool is_none = posterior.none_ratio[i] > 0.7 && coverage[i] >= recipe.coverage_min_ratio;
       const double h = is_none ? 0.0 : posterior.mean_mm[i];
       burr.height_mm.push_back(is_seen ? h : kNan);
       burr.height_sd_mm.push_back(is_seen ? posterior.sd_mm[i] : kNan);

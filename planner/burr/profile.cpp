@@ -18,18 +18,27 @@ std::vector<double> height_grid(double height_max_mm) {
   return h;
 }
 
+/// State 0 is "no burr": it is left and entered at a rate along the edge. The others walk, and rarely jump.
 Eigen::MatrixXd transition(const ChainOptions& o, const std::vector<double>& h, const Eigen::VectorXd& width, double step_mm) {
   const int n = static_cast<int>(h.size());
   Eigen::MatrixXd t(n, n);
-  const double jump = std::min(0.5, o.jump_ratio * step_mm);
+  const double jump = std::min(0.3, o.jump_ratio * step_mm);
+  Eigen::VectorXd anywhere(n);  // a burr of any height, rather low than high
+  for (int j = 0; j < n; ++j) anywhere(j) = j == 0 ? 0.0 : width(j) / (0.2 + h[j]);
+  anywhere /= anywhere.sum();
   for (int i = 0; i < n; ++i) {
     const double sd = (o.walk_mm + o.walk_ratio * h[i]) * std::sqrt(step_mm);
-    for (int j = 0; j < n; ++j) t(i, j) = std::exp(-0.5 * (h[j] - h[i]) * (h[j] - h[i]) / (sd * sd)) * width(j);
-    t.row(i) *= (1 - jump) / t.row(i).sum();
-    // A jump lands anywhere, rather low than high.
-    double total = 0;
-    for (int j = 0; j < n; ++j) total += width(j) / (0.2 + h[j]);
-    for (int j = 0; j < n; ++j) t(i, j) += jump * (0.3 * (j == 0) + 0.7 * width(j) / (0.2 + h[j]) / total);
+    for (int j = 0; j < n; ++j) t(i, j) = j == 0 ? 0.0 : std::exp(-0.5 * (h[j] - h[i]) * (h[j] - h[i]) / (sd * sd)) * width(j);
+    t.row(i) /= t.row(i).sum();
+    if (i == 0) {
+      const double leave = std::min(0.5, o.leave_ratio * step_mm);
+      t.row(0) = (leave - 0.3 * jump) * t.row(0) + 0.3 * jump * anywhere.transpose();
+      t(0, 0) = 1 - leave;
+    } else {
+      const double enter = std::min(0.5, o.leave_ratio * step_mm * std::exp(-h[i] / 0.1));
+      t.row(i) = (1 - jump - enter) * t.row(i) + 0.7 * jump * anywhere.transpose();
+      t(i, 0) = enter + 0.3 * jump;
+    }
   }
   return t;
 }
@@ -60,7 +69,7 @@ ChainPosterior height_profile(const ChainOptions& o, const std::vector<double>& 
   Eigen::MatrixXd e(n, count);
   for (int j = 0; j < count; ++j) e.col(j) = (emission.col(j).array() - emission.col(j).maxCoeff()).exp();
   Eigen::VectorXd start(n);
-  for (int i = 0; i < n; ++i) start(i) = (i == 0 ? 0.02 : 0.0) + width(i) / (0.2 + h[i]);
+  for (int i = 0; i < n; ++i) start(i) = i == 0 ? 0.3 : width(i) / (0.2 + h[i]);
   start /= start.sum();
   Eigen::MatrixXd forward(n, count), backward(n, count);
   // A closed edge is run through twice, so that its first station has a past.

@@ -20,6 +20,7 @@ struct ChainOptions {
   double sample_weight = 0.4;     // rows of one capture sample the same heights again and again
   double walk_mm = 0.05;          // sd of the change over 1 mm along the edge, for low burrs
   double walk_ratio = 0.06;       // and in addition, per mm of height
+  double leave_ratio = 0.08;      // of mm along the edge without burr where one begins
   double jump_ratio = 0.02;       // of mm along the edge where the burr breaks off or starts
 };
 
