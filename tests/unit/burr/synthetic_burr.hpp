@@ -31,18 +31,20 @@ struct Fin {
   double root_mm = 0.1;
 };
 
-/// Points on both flanks and the tip of the fin, on a grid of the given pitch with a random phase, as seen by one capture.
+/// Points on a flank of the fin, on a square grid of the given pitch, shifted and turned at random: what one capture sees.
 inline void add_fin(Scan& scan, const Fin& fin, double from, double to, double pitch_mm, Random& random) {
   const Vec3 along = Vec3(0, -std::sin(fin.lean_rad), std::cos(fin.lean_rad)), across = Vec3(0, std::cos(fin.lean_rad), std::sin(fin.lean_rad));
-  const double reach = std::max(std::cos(fin.lean_rad), std::sin(fin.lean_rad));
-  const double phase_s = random.uniform(0, pitch_mm), phase_l = random.uniform(0, pitch_mm);
-  for (double s = from + phase_s; s < to; s += pitch_mm) {
-    const double length = fin.height(s) / reach;
-    for (double l = phase_l; l < length; l += pitch_mm) {
+  const double reach = std::max(std::cos(fin.lean_rad), std::sin(fin.lean_rad)), turn = random.uniform(0, kPi / 2);
+  const double phase_u = random.uniform(0, pitch_mm), phase_v = random.uniform(0, pitch_mm), range = to - from + 10;
+  for (double u = -range + phase_u; u < range; u += pitch_mm)
+    for (double v = -range + phase_v; v < range; v += pitch_mm) {
+      const double s = from + std::cos(turn) * u - std::sin(turn) * v, l = std::sin(turn) * u + std::cos(turn) * v;
+      if (s < from || s > to || l < 0) continue;
+      const double length = fin.height(s) / reach;
+      if (l > length) continue;
       const double half = 0.5 * fin.root_mm * (1 - 0.6 * l / length);
       scan.p_part.push_back(Vec3(s, 0, 0) + along * l + across * half), scan.n_part.push_back(across);
     }
-  }
 }
 
 }  // namespace asbuilt::synthetic
