@@ -1,8 +1,216 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "planner/plan/motion/motion.hpp"
 
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "planner/base/number.hpp"
+#include "planner/plan/motion/pass_motion.hpp"
+#include "planner/plan/motion/pass_search.hpp"
+#include "planner/plan/motion/scanned_part.hpp"
+#include "planner/plan/motion/transfer.hpp"
+
 namespace asbuilt {
-Result<Done<Motion>> plan_motion(const MotionRecipe&, const Job&, const Location&, const Features&, const Burrs&, const ToolPath&) {
-  return refuse({.code = "motion.not_built", .stage = "motion"});
+
+namespace {
+
+using ToolPose = Pose<frame::Base, frame::Tool>;
+
+constexpr double kBlockTurn_rad = rad_from_deg(4.5);  // orientation change of one emitted block stays below 5 degrees
+constexpr double kFluteFixture_mm = 1.0;              // of the cutter from fixture and obstacles, beside the robot's own error
+constexpr double kDepartureWorthTelling_mm = 0.01;
+
+std::vector<PassStation> stations_of(const CutPass& pass, const Pose<frame::Base, frame::Part>& T_base_part) {
+  std::vector<PassStation> out;
+  for (const PathPoint& p : pass.points) {
+    PassStation s{T_base_part.point(p.tip_part), T_base_part.direction(p.axis_part).normalized(), p.feed_mm_s, p.s_mm};
+    if (!out.empty()) {
+      const PassStation before = out.back();
+      const double turn = std::acos(std::clamp(before.axis.dot(s.axis), -1.0, 1.0));
+      const int parts = std::max(1, static_cast<int>(std::ceil(turn / kBlockTurn_rad)));
+      const Vec3 about = before.axis.cross(s.axis).normalized();
+      for (int k = 1; k < parts; ++k) {
+        const double t = static_cast<double>(k) / parts;
+        out.push_back({before.tip + t * (s.tip - before.tip), Eigen::AngleAxisd(t * turn, about) * before.axis, s.feed_mm_s,
+                       before.s_mm + t * (s.s_mm - before.s_mm)});
+      }
+    }
+    out.push_back(s);
+  }
+  return out;
 }
+
+std::string where_of(const CutPass& pass, const Features& features) {
+  std::string text = "feature " + pass.feature + ", pass " + std::to_string(pass.pass) + " of " + std::to_string(pass.passes);
+  for (std::size_t i = 0; i < pass.edges.size() && i < 4; ++i) {
+    const auto k = static_cast<std::size_t>(pass.edges[i]);
+    if (k < features.edges.size()) text += (i == 0 ? ", edge " : "+") + features.edges[k].id;
+  }
+  return text;
+}
+
+/// The burr over all edges that are worked: how far the part may stand out beyond its faces.
+double highest_burr_mm(const Burrs& burrs) {
+  double h = 0;
+  for (const EdgeBurr& e : burrs.edges)
+    for (const double u : e.height_upper_mm)
+      if (std::isfinite(u)) h = std::max(h, u);
+  return h;
+}
+
+const ToolPose* reference_of(const std::string& feature, const Location& location, const Features& features) {
+  for (const auto* m : {&features.T_base_tool_reference, &location.T_base_tool_reference})
+    for (const std::string& key : {feature, std::string()})
+      if (const auto at = m->find(key); at != m->end()) return &at->second;
+  return nullptr;
+}
+
+class Assembly {
+ public:
+  Assembly(const Robot& robot, const Pose<frame::Flange, frame::Tool>& T_flange_tool) : robot_(robot), T_flange_tool_(T_flange_tool) {}
+
+  void joint_moves(const Transfer& t, double speed_ratio) {
+    MotionSegment& s = start(SegmentKind::transfer, -1, t.q_rad, t.clearance_mm);
+    s.speed_ratio = speed_ratio;
+    s.speed_mm_s.assign(s.q_rad.size(), 0.0);
+    for (std::size_t i = 1; i < s.q_rad.size(); ++i) motion.duration_s += joint_time_s(s.q_rad[i - 1], s.q_rad[i], speed_ratio);
+  }
+  void straight(SegmentKind kind, int pass, const std::vector<JointVector>& q, std::vector<double> speed_mm_s, double clearance_mm) {
+    MotionSegment& s = start(kind, pass, q, clearance_mm);
+    s.speed_mm_s = std::move(speed_mm_s);
+    for (std::size_t i = 1; i < q.size(); ++i)
+      motion.duration_s += (s.T_base_tool[i].p_mm - s.T_base_tool[i - 1].p_mm).norm() / std::max(s.speed_mm_s[i], 0.1);
+  }
+
+  Motion motion;
+
+ private:
+  MotionSegment& start(SegmentKind kind, int pass, const std::vector<JointVector>& q, double clearance_mm) {
+    MotionSegment s;
+    s.kind = kind, s.pass = pass, s.q_rad = q, s.clearance_mm = clearance_mm;
+    for (const JointVector& v : q) {
+      s.T_base_tool.push_back(robot_.forward(v) * T_flange_tool_);
+      motion.joint_margin_min_rad = std::min(motion.joint_margin_min_rad, robot_.joint_margin_rad(v));
+    }
+    motion.clearance_min_mm = std::min(motion.clearance_min_mm, clearance_mm);
+    motion.segments.push_back(std::move(s));
+    return motion.segments.back();
+  }
+  double joint_time_s(const JointVector& a, const JointVector& b, double ratio) const {
+    double t = 0;
+    for (int i = 0; i < 6; ++i) {
+      const JointSpec& j = robot_.spec().joints[i];
+      const double v = ratio * j.speed_rad_s;
+      if (v > 0) t = std::max(t, std::abs(b[i] - a[i]) / v + (j.acceleration_rad_s2 > 0 ? v / (ratio * j.acceleration_rad_s2) : 0.0));
+    }
+    return t;
+  }
+  const Robot& robot_;
+  Pose<frame::Flange, frame::Tool> T_flange_tool_;
+};
+
+struct ToolCell {  // what is built once for each tool
+  CellScene cell;
+  std::optional<RobotErrorModel> errors;
+};
+
+}  // namespace
+
+Result<Done<Motion>> plan_motion(const MotionRecipe& recipe, const Job& job, const Location& location, const Features& features,
+                                 const Burrs& burrs, const ToolPath& path) {
+  const auto made = Robot::from(job.cell.robot);
+  if (!made) return refuse_all(made.error());
+  const Robot& robot = *made;
+  RobotSpec free_spec = job.cell.robot;
+  for (JointSpec& j : free_spec.joints) j.min_rad = -kPi, j.max_rad = kPi;
+  const Robot free_robot = *Robot::from(free_spec);
+  const JointVector home = job.cell.robot.home_rad;
+  Done<Motion> done;
+
+  Job scanned = job;  // collisions are looked for on the part as it was measured
+  scanned.part.brep.mesh = scanned_part(job.part.brep.mesh, features);
+  const double burr_mm = highest_burr_mm(burrs);
+  std::map<std::string, ToolCell> cells;
+  std::map<std::string, double> departures;
+  std::optional<Assembly> assembly;
+  JointVector q = home;
+  std::string tool_before;
+
+  if (path.passes.empty())
+    return refuse({.code = "motion.nothing_to_do", .where = job.item_id, .message = "the tool path has no pass; give the part features with edges", .stage = "motion"});
+
+  for (std::size_t k = 0; k < path.passes.size(); ++k) {
+    const CutPass& pass = path.passes[k];
+    const Recipe* process = job.recipe(pass.recipe);
+    const ToolSpec* tool = job.tool(pass.tool);
+    must(process && tool, "a pass whose recipe or tool is not in the job");
+    must(pass.points.size() >= 2, "a pass with fewer than two points");
+    if (!cells.count(pass.tool)) {
+      ToolCell c{cell_scene(robot, scanned, location, *tool, recipe.clearance_mm, kFluteFixture_mm + job.cell.robot.accuracy.absolute.mean_mm), {}};
+      if (reference_of(pass.feature, location, features)) c.errors.emplace(robot, tool->T_flange_tool);
+      done.notes.insert(done.notes.end(), c.cell.notes.begin(), c.cell.notes.end());
+      cells.emplace(pass.tool, std::move(c));
+    }
+    const ToolCell& cell = cells.at(pass.tool);
+    const PassTools tools{&robot, &free_robot, &cell.cell, cell.errors ? &*cell.errors : nullptr, tool->T_flange_tool, recipe.joint_margin_rad};
+    if (!assembly) assembly.emplace(robot, tool->T_flange_tool);
+    if (!tool_before.empty() && tool_before != pass.tool)
+      return refuse({.code = "motion.tool_change", .where = where_of(pass, features),
+                     .message = "the job needs two tools (" + tool_before + ", " + pass.tool + ") and no tool change is planned; make one item of each",
+                     .measured = 2, .limit = 1, .unit = "tools", .stage = "motion"});
+    tool_before = pass.tool;
+
+    PassTask task;
+    task.where = where_of(pass, features);
+    task.stations = stations_of(pass, location.T_base_part);
+    task.retract_base = location.T_base_part.direction(pass.retract_part).normalized();
+    task.approach_mm = std::max(pass.approach_mm > 0 ? pass.approach_mm : process->approach_mm, 1.0);
+    task.approach_speed_mm_s = recipe.approach_speed_mm_s;
+    task.feed_min_mm_s = process->feed_min_mm_s;
+    task.flute_approach_mm = std::min(1.0 + burr_mm, 0.5 * task.approach_mm);
+    if (const ToolPose* T = reference_of(pass.feature, location, features)) {
+      task.x_hint = T->direction(Vec3::UnitX());
+      task.q_reference = robot.inverse_near(*T * tool->T_flange_tool.inverse(), home);
+    } else {
+      task.x_hint = (robot.forward(home) * tool->T_flange_tool).direction(Vec3::UnitX());
+    }
+
+    const std::vector<Watch> in_transfer = cell.cell.with_flute(std::min(recipe.clearance_mm + burr_mm, 0.8 * task.approach_mm));
+    Transfer transfer;
+    const auto accept = [&](const PassMotion& m) -> std::optional<Refusal> {
+      auto t = plan_transfer(q, m.approach.front(), tools, in_transfer, recipe.planner_iterations_count,
+                             (k == 0 ? "from home to " : "on the way to ") + task.where);
+      if (!t) return t.error().front();
+      transfer = std::move(*t);
+      return std::nullopt;
+    };
+    auto planned = plan_pass(task, tools, q, accept);
+    if (!planned) return refuse_all(planned.error());
+    const PassMotion& m = *planned;
+
+    const int index = static_cast<int>(k);
+    assembly->joint_moves(transfer, recipe.transfer_speed_ratio);
+    assembly->straight(SegmentKind::approach, index, m.approach, std::vector<double>(m.approach.size(), m.approach_speed_mm_s), m.approach_clearance_mm);
+    assembly->straight(SegmentKind::cut, index, m.cut, m.feed_mm_s, m.cut_clearance_mm);
+    assembly->straight(SegmentKind::retract, index, m.retract, std::vector<double>(m.retract.size(), m.approach_speed_mm_s), m.retract_clearance_mm);
+    assembly->motion.singularity_min_ratio = std::min(assembly->motion.singularity_min_ratio, m.singularity_ratio);
+    departures[pass.feature] = std::max(departures[pass.feature], m.departure_mm);
+    q = m.retract.back();
+    if (k + 1 == path.passes.size()) {
+      auto back = plan_transfer(q, home, tools, in_transfer, recipe.planner_iterations_count, "from " + task.where + " to home");
+      if (!back) return refuse_all(back.error());
+      assembly->joint_moves(*back, recipe.transfer_speed_ratio);
+    }
+  }
+  for (const auto& [feature, mm] : departures)
+    if (mm > kDepartureWorthTelling_mm)
+      done.notes.push_back({Note::Level::warning, "motion.left_reference",
+                            "the tool had to be turned away from the posture that the points were corrected for: the arm's error there differs by " +
+                                fixed_number(mm, 3) + " mm (1 sd)",
+                            "feature " + feature});
+  done.artefact = std::move(assembly->motion);
+  return done;
+}
+
 }  // namespace asbuilt
