@@ -56,16 +56,18 @@ Mesh cutter_mesh(const CutterProfile& profile, double from_mm, double to_mm) {
   if (!(to_mm > from_mm)) return m;
   // Outline clipped to the heights; it runs upward, so each piece is clipped on its own.
   std::vector<Vec2> rings;
+  double lowest = 1e300, highest = -1e300;
   for (std::size_t i = 0; i + 1 < profile.outline.size(); ++i) {
     Vec2 a = profile.outline[i], b = profile.outline[i + 1];
     if (b.y() < from_mm || a.y() > to_mm) continue;
     const Vec2 e = b - a;
     if (a.y() < from_mm) a += e * ((from_mm - a.y()) / e.y());
     if (b.y() > to_mm) b = profile.outline[i] + e * ((to_mm - profile.outline[i].y()) / e.y());
+    lowest = std::min(lowest, a.y()), highest = std::max(highest, b.y());
     for (const Vec2& v : {a, b})
       if (v.x() > 0 && (rings.empty() || (rings.back() - v).norm() > 1e-9)) rings.push_back(v);
   }
-  if (rings.size() < 2) return m;
+  if (rings.empty() || !(highest > lowest)) return m;
   constexpr int kSides = 24;
   const double outer = 1 / std::cos(kPi / kSides);
   for (const Vec2& r : rings)
@@ -74,8 +76,8 @@ Mesh cutter_mesh(const CutterProfile& profile, double from_mm, double to_mm) {
       m.vertices.emplace_back(outer * r.x() * std::cos(a), outer * r.x() * std::sin(a), -r.y());
     }
   const int bottom = static_cast<int>(m.vertices.size()), top = bottom + 1, n = static_cast<int>(rings.size());
-  m.vertices.emplace_back(0, 0, -rings.front().y());
-  m.vertices.emplace_back(0, 0, -rings.back().y());
+  m.vertices.emplace_back(0, 0, -lowest);
+  m.vertices.emplace_back(0, 0, -highest);
   for (int k = 0; k < kSides; ++k) {
     const int j = (k + 1) % kSides;
     m.triangles.push_back({bottom, k, j});

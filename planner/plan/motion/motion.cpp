@@ -17,6 +17,7 @@ namespace {
 
 using ToolPose = Pose<frame::Base, frame::Tool>;
 
+constexpr double kStation_mm = 5;                     // long blocks are looked at this often
 constexpr double kBlockTurn_rad = rad_from_deg(4.5);  // orientation change of one emitted block stays below 5 degrees
 constexpr double kFluteFixture_mm = 1.0;              // of the cutter from fixture and obstacles, beside the robot's own error
 constexpr double kDepartureWorthTelling_mm = 0.01;
@@ -27,13 +28,15 @@ std::vector<PassStation> stations_of(const CutPass& pass, const Pose<frame::Base
     PassStation s{T_base_part.point(p.tip_part), T_base_part.direction(p.axis_part).normalized(), p.feed_mm_s, p.s_mm};
     if (!out.empty()) {
       const PassStation before = out.back();
-      const double turn = std::acos(std::clamp(before.axis.dot(s.axis), -1.0, 1.0));
-      const int parts = std::max(1, static_cast<int>(std::ceil(turn / kBlockTurn_rad)));
-      const Vec3 about = before.axis.cross(s.axis).normalized();
+      const Vec3 normal = before.axis.cross(s.axis);
+      const double turn = std::atan2(normal.norm(), before.axis.dot(s.axis));
+      const bool is_turning = turn > kBlockTurn_rad;
+      const int parts = static_cast<int>(std::max({1.0, std::ceil(turn / kBlockTurn_rad), std::ceil((s.tip - before.tip).norm() / kStation_mm)}));
+      const Vec3 about = normal.norm() > 1e-12 ? Vec3(normal.normalized()) : Vec3::UnitX();
       for (int k = 1; k < parts; ++k) {
         const double t = static_cast<double>(k) / parts;
         out.push_back({before.tip + t * (s.tip - before.tip), Eigen::AngleAxisd(t * turn, about) * before.axis, s.feed_mm_s,
-                       before.s_mm + t * (s.s_mm - before.s_mm)});
+                       before.s_mm + t * (s.s_mm - before.s_mm), is_turning});
       }
     }
     out.push_back(s);
@@ -64,6 +67,26 @@ const ToolPose* reference_of(const std::string& feature, const Location& locatio
     for (const std::string& key : {feature, std::string()})
       if (const auto at = m->find(key); at != m->end()) return &at->second;
   return nullptr;
+}
+
+std::vector<JointVector> emitted(const PassTask& task, const std::vector<JointVector>& q) {
+  std::vector<JointVector> out;
+  for (std::size_t i = 0; i < q.size(); ++i)
+    if (task.stations[i].is_emitted) out.push_back(q[i]);
+  return out;
+}
+
+/// A block goes at the slowest feed of what it is made of.
+std::vector<double> emitted_feeds(const PassTask& task, const std::vector<double>& feed_mm_s) {
+  std::vector<double> out;
+  double least = 1e9;
+  for (std::size_t i = 0; i < feed_mm_s.size(); ++i) {
+    least = std::min(least, feed_mm_s[i]);
+    if (!task.stations[i].is_emitted) continue;
+    out.push_back(least);
+    least = 1e9;
+  }
+  return out;
 }
 
 class Assembly {
@@ -169,6 +192,7 @@ Result<Done<Motion>> plan_motion(const MotionRecipe& recipe, const Job& job, con
     task.approach_speed_mm_s = recipe.approach_speed_mm_s;
     task.feed_min_mm_s = process->feed_min_mm_s;
     task.flute_approach_mm = std::min(1.0 + burr_mm, 0.5 * task.approach_mm);
+    task.flute_near_mm = std::min(5.0 + 1.5 * burr_mm, task.approach_mm);
     if (const ToolPose* T = reference_of(pass.feature, location, features)) {
       task.x_hint = T->direction(Vec3::UnitX());
       task.q_reference = robot.inverse_near(*T * tool->T_flange_tool.inverse(), home);
@@ -192,7 +216,7 @@ Result<Done<Motion>> plan_motion(const MotionRecipe& recipe, const Job& job, con
     const int index = static_cast<int>(k);
     assembly->joint_moves(transfer, recipe.transfer_speed_ratio);
     assembly->straight(SegmentKind::approach, index, m.approach, std::vector<double>(m.approach.size(), m.approach_speed_mm_s), m.approach_clearance_mm);
-    assembly->straight(SegmentKind::cut, index, m.cut, m.feed_mm_s, m.cut_clearance_mm);
+    assembly->straight(SegmentKind::cut, index, emitted(task, m.cut), emitted_feeds(task, m.feed_mm_s), m.cut_clearance_mm);
     assembly->straight(SegmentKind::retract, index, m.retract, std::vector<double>(m.retract.size(), m.approach_speed_mm_s), m.retract_clearance_mm);
     assembly->motion.singularity_min_ratio = std::min(assembly->motion.singularity_min_ratio, m.singularity_ratio);
     departures[pass.feature] = std::max(departures[pass.feature], m.departure_mm);

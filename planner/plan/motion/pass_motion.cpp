@@ -17,13 +17,13 @@ namespace {
 constexpr double kTurnStep_rad = rad_from_deg(5);
 constexpr double kApproachStep_mm = 5;
 constexpr double kFluteNear_mm = 0.4;  // the cutter's distance from the part where the approach ends, at least
-constexpr double kFluteNearReach_mm = 5;
 constexpr double kJointRatio = 0.8;    // of speed and acceleration limits
 
 /// Refusals so far; the one nearest to success is told.
 struct Trouble {
   int rank = -1;
   Refusal refusal;
+  bool is_turn_blocked = false;  // what hangs on the flange meets what stands: no branch of the arm helps at this turn
   void add(int new_rank, Refusal r) {
     if (new_rank > rank) rank = new_rank, refusal = std::move(r);
   }
@@ -64,7 +64,7 @@ Certificate certify_straight(const PassTask& task, const CellScene& cell, std::v
   Certificate near = cell.scene.certify(watches, {q_out, true});
   if (!near.is_free) return near;
   const int steps = static_cast<int>(q_out.size()) - 1;
-  const int first = std::min(steps, static_cast<int>(std::ceil(kFluteNearReach_mm / (task.approach_mm / steps))));
+  const int first = std::min(steps, static_cast<int>(std::ceil(task.flute_near_mm / (task.approach_mm / steps))));
   const std::vector<Watch> flute{{cell.flute, cell.part, task.flute_approach_mm}};
   const Certificate far = cell.scene.certify(flute, {{q_out.begin() + first, q_out.end()}, true});
   if (!far.is_free) {
@@ -104,8 +104,13 @@ std::optional<PassMotion> realize(const PassTask& task, const PassTools& tools, 
   }
 
   const CellScene& cell = *tools.cell;
+  const auto blocks_turn = [&](const Watch& w) {
+    const int a = cell.scene.mount(w.a), b = cell.scene.mount(w.b);
+    return std::min(a, b) == kMountBase && std::max(a, b) == kMountFlange;
+  };
   const Certificate c = cell.scene.certify(cell.always, {m.cut, true});
   if (!c.is_free) {
+    trouble.is_turn_blocked = blocks_turn(cell.always[static_cast<std::size_t>(c.watch)]);
     trouble.add(5, collision(task, cell, cell.always, c, "motion.collision", place(task, c.block), "while cutting"));
     return std::nullopt;
   }
@@ -128,6 +133,7 @@ std::optional<PassMotion> realize(const PassTask& task, const PassTools& tools, 
     std::vector<Watch> watches;
     const Certificate k = certify_straight(task, cell, *way, watches);
     if (!k.is_free) {
+      trouble.is_turn_blocked = blocks_turn(watches[static_cast<std::size_t>(k.watch)]);
       trouble.add(6, collision(task, cell, watches, k, "motion.no_approach", where, end == 0 ? "on the approach" : "on the retract"));
       return std::nullopt;
     }
@@ -166,7 +172,8 @@ Result<PassMotion> plan_pass(const PassTask& task, const PassTools& tools, const
     return m;
   };
   // Turns near the reference first; the whole circle only where none of them holds.
-  constexpr int kNear = 6, kAll = 36, kTriesNear = 10, kTriesAll = 30;
+  constexpr int kNear = 6, kAll = 36, kTriesNear = 16, kTriesAll = 72;
+  std::vector<double> blocked;
   for (const bool is_all : {false, true}) {
     std::vector<PassCandidate> candidates;
     const int first = is_all ? kNear + 1 : 0, last = is_all ? kAll : kNear;
@@ -180,8 +187,11 @@ Result<PassMotion> plan_pass(const PassTask& task, const PassTools& tools, const
     std::stable_sort(candidates.begin(), candidates.end(), [](const PassCandidate& a, const PassCandidate& b) { return a.cost_mm < b.cost_mm; });
     int tries = is_all ? kTriesAll : kTriesNear;
     for (const PassCandidate& c : candidates) {
+      if (std::find(blocked.begin(), blocked.end(), c.turn_rad) != blocked.end()) continue;
       if (tries-- == 0) break;
+      trouble.is_turn_blocked = false;
       if (auto m = try_one(std::vector<double>(task.stations.size(), c.turn_rad), c.q_first)) return *m;
+      if (trouble.is_turn_blocked) blocked.push_back(c.turn_rad);
     }
   }
   if (auto m = search_changing_turn(task, tools, q_before, try_one)) return *m;

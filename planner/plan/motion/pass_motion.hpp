@@ -17,17 +17,19 @@ namespace asbuilt {
 struct PassStation {  // a point of the path in base, before the turn about the axis is chosen
   Vec3 tip = Vec3::Zero(), axis = -Vec3::UnitZ();
   double feed_mm_s = 0, s_mm = 0;
+  bool is_emitted = true;   // else only looked at on the way: blocks may be long
 };
 
 /// Everything a pass is planned with.
 struct PassTask {
   std::string where;                        // "feature lug2, pass 1 of 2, edge #88"
-  std::vector<PassStation> stations;        // at most 4.5 degrees of axis between two
+  std::vector<PassStation> stations;        // at most 5 mm and 4.5 degrees of axis between two
   Vec3 retract_base = Vec3::UnitZ();
   double approach_mm = 0, approach_speed_mm_s = 0, feed_min_mm_s = 0;
   Vec3 x_hint = Vec3::UnitX();              // tool x at turn 0: that of the reference posture, or of home
   std::optional<JointVector> q_reference;   // the posture the points were corrected for
-  double flute_approach_mm = 1;             // how far the cutter keeps from the part until it is at the lead-in
+  double flute_approach_mm = 1;             // how far the cutter keeps from the part
+  double flute_near_mm = 5;                 // until it is this near to the lead-in
 };
 
 /// Options common to all passes.
@@ -43,7 +45,7 @@ struct PassTools {
 struct PassMotion {
   double turn_rad = 0;
   std::vector<JointVector> approach, cut, retract;  // ends shared
-  std::vector<double> feed_mm_s;                    // of the cut, on the way TO each point
+  std::vector<double> feed_mm_s;                    // of the cut, on the way TO each station
   double approach_speed_mm_s = 0;
   double approach_clearance_mm = 0, cut_clearance_mm = 0, retract_clearance_mm = 0;
   double joint_margin_rad = 0, singularity_ratio = 0;
