@@ -59,7 +59,7 @@ struct CapturesFile {
     v("sensor", s.sensor, {.is_optional = true, .form = Form::id, .doc = "the sensor to be calibrated"});
     v("tool", s.tool, {.is_optional = true, .form = Form::id, .doc = "or the tool"});
     v("taken", s.taken, {.is_optional = true, .form = Form::date, .doc = "day of the captures; today where absent"});
-    v("valid_days", s.valid_days, {.unit = "days", .min = 1, .max = 36500, .is_optional = true, .doc = "how long the calibration shall hold; 30 where absent"});
+    v("valid_days", s.valid_days, {.unit = "days", .min = 1, .max = 36500, .is_optional = true, .doc = "how long the calibration shall hold"});
     v("target", s.target, {.doc = "what was looked at"});
     v("captures", s.captures, {.count_min = 3, .doc = "one after the other as taken"});
     v.exactly_one({"sensor", "tool"});

@@ -167,7 +167,7 @@ struct RecipeFile {
   RemovalText removal;
   BurrText burr;
   OrientationText orientation;
-  double approach_mm = 0, lead_mm = 0, path_tolerance_mm = 0.01, gate_probability_ratio = 0.95;
+  double approach_mm = 0, lead_mm = 0, path_tolerance_mm = 0.01, gate_probability_ratio = Recipe{}.gate_probability_ratio;
   std::optional<WeldText> weld;
   template <class S, class V>
   static void fields(S& s, V& v) {
@@ -184,7 +184,7 @@ struct RecipeFile {
     v("lead", s.lead_mm, {.unit = "mm", .min = 0, .max = 500, .doc = "length of lead in and lead out"});
     v("path_tolerance", s.path_tolerance_mm, {.unit = "mm", .min = 1e-4, .max = 5, .doc = "chord error of the programmed path"});
     v("gate_probability", s.gate_probability_ratio, {.min = 0.5, .max = 0.99999, .is_optional = true,
-                                                     .doc = "an edge is emitted only when the probability that its chamfer is in tolerance is at least this; 0.95 where absent"});
+                                                     .doc = "an edge is emitted only when the expected share of it in tolerance is at least this"});
     v("weld", s.weld, {.when_key = "process", .when_values = "weld", .doc = "what a seam needs"});
   }
 };

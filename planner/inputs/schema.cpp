@@ -40,6 +40,11 @@ class SchemaWriter {
     if (!f.doc.empty()) j["description"] = f.doc;
     if (!f.unit.empty()) j["x-unit"] = f.unit;
     if (!f.when_key.empty()) j["x-required-when"] = std::string(f.when_key) + ": " + std::string(f.when_values);
+    if constexpr (std::is_same_v<T, double> || std::is_same_v<T, int>) {
+      if (f.is_optional) j["default"] = number(value);
+    } else if constexpr (std::is_same_v<T, bool>) {
+      if (f.is_optional) j["default"] = value;
+    }
     properties[name] = std::move(j);
     if (!f.when_key.empty()) {
       Json words = Json::array();
@@ -235,6 +240,7 @@ void add_rows(const Json& object, const std::string& path, std::string& out) {
       for (const auto& [key, list] : object["dependentRequired"].items())
         for (const Json& l : list)
           if (l == name) need += (need.empty() ? "with `" : ", with `") + key + "`";
+    if (j.contains("default")) need = "default " + j["default"].dump();
     for (std::size_t bar = need.find('|'); bar != std::string::npos; bar = need.find('|', bar + 4)) need.replace(bar, 1, " / ");
     out += "| `" + field + "` | " + type_words(j) + " | " + (j.contains("x-unit") ? j["x-unit"].get<std::string>() : "") + " | " + range_words(j) + " | " + need + " | " + (j.contains("description") ? j["description"].get<std::string>() : "") + " |\n";
     const Json* inner = innermost(&j);
