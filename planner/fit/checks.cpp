@@ -139,8 +139,12 @@ Refusals check_broken(const Solved& s, const Features& features) {
   constexpr double kLook_mm = 3.0;
   const PolylineIndex index(lines, kLook_mm);
   const Pose<frame::Part, frame::Base> T_part_base = s.location.T_base_part.inverse();
-  std::vector<std::vector<std::vector<double>>> depth(features.edges.size());  // by edge, by mm along it
-  for (std::size_t e = 0; e < depth.size(); ++e) depth[e].resize(static_cast<std::size_t>(features.edges[e].s_mm.back()) + 1);
+  struct Bin {
+    std::vector<double> depth;   // of points within the wedge and off both faces: a surface that the drawing does not have
+    std::size_t whole = 0;       // points on a face right beside the edge: what a broken edge has none of
+  };
+  std::vector<std::vector<Bin>> bins(features.edges.size());  // by edge, by mm along it
+  for (std::size_t e = 0; e < bins.size(); ++e) bins[e].resize(static_cast<std::size_t>(features.edges[e].s_mm.back()) + 1);
   std::vector<PolylineFoot> near;
   for (std::size_t k = 0; k < s.cloud.captures.size(); ++k) {
     if (!s.setup.is_fine[k]) continue;
@@ -153,21 +157,21 @@ Refusals check_broken(const Solved& s, const Features& features) {
         const AdaptedEdge& e = features.edges[f.line];
         const Vec3 v = p - f.p;
         const double f_1 = v.dot(e.n_1[f.segment]), f_2 = v.dot(e.n_2[f.segment]);
-        // Within the wedge and off both faces: a surface that the drawing does not have.
-        if (f_1 < -0.12 && f_2 < -0.12 && f_1 > -2.5 && f_2 > -2.5)
-          depth[f.line][std::min(depth[f.line].size() - 1, static_cast<std::size_t>(f.s_mm))].push_back(-std::max(f_1, f_2));
+        Bin& bin = bins[f.line][std::min(bins[f.line].size() - 1, static_cast<std::size_t>(f.s_mm))];
+        if (f_1 < -0.12 && f_2 < -0.12 && f_1 > -2.0 && f_2 > -2.0) bin.depth.push_back(-std::max(f_1, f_2));
+        if (std::abs(std::max(f_1, f_2)) < 0.06 && std::min(f_1, f_2) < -0.08 && std::min(f_1, f_2) > -0.35) ++bin.whole;
       }
     }
   }
-  for (std::size_t e = 0; e < depth.size(); ++e) {
+  for (std::size_t e = 0; e < bins.size(); ++e) {
     std::size_t broken = 0;
     std::vector<double> all;
-    for (const auto& bin : depth[e]) {
-      if (bin.size() < 4) continue;
+    for (const Bin& bin : bins[e]) {
+      if (bin.depth.size() < 4 || bin.depth.size() < 2 * bin.whole) continue;
       ++broken;
-      all.insert(all.end(), bin.begin(), bin.end());
+      all.insert(all.end(), bin.depth.begin(), bin.depth.end());
     }
-    if (all.empty() || static_cast<double>(broken) < 0.3 * static_cast<double>(depth[e].size())) continue;
+    if (all.empty() || static_cast<double>(broken) < 0.3 * static_cast<double>(bins[e].size())) continue;
     std::sort(all.begin(), all.end());
     const double number = all[all.size() * 9 / 10];
     out.push_back({.code = "fit.edge_broken", .where = name_edge(s.setup, e, s.job),
