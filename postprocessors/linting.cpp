@@ -2,6 +2,7 @@
 #include "postprocessors/linting.hpp"
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 
 namespace asbuilt::linting {
@@ -30,6 +31,74 @@ std::vector<Check> Findings::checks() const {
                    .is_passed = rule.count == 0 || !rule.is_error});
   return out;
 }
+
+std::vector<Token> tokens_of(std::string_view code) {
+  std::vector<Token> out;
+  const auto digit = [](char c) { return c >= '0' && c <= '9'; };
+  const auto word = [&](char c) { return digit(c) || (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || c == '_' || c == '$' || c == '#'; };
+  for (std::size_t i = 0; i < code.size();) {
+    const char c = code[i];
+    if (c == ' ' || c == '\t') {
+      ++i;
+      continue;
+    }
+    Token t;
+    std::size_t j = i;
+    const bool is_signed = (c == '-' || c == '+') && i + 1 < code.size() && (digit(code[i + 1]) || code[i + 1] == '.') &&
+                           (out.empty() || out.back().kind == Token::Kind::other || out.back().text != ")");
+    if (digit(c) || (c == '.' && i + 1 < code.size() && digit(code[i + 1])) || (is_signed && !(i && word(code[i - 1]) && digit(code[i - 1])))) {
+      j += is_signed ? 1 : 0;
+      while (j < code.size() && (digit(code[j]) || code[j] == '.')) ++j;
+      t.kind = Token::Kind::number;
+      t.text = std::string(code.substr(i, j - i));
+      std::from_chars(code.data() + i + (c == '+' ? 1 : 0), code.data() + j, t.value);
+    } else if (word(c)) {
+      while (j < code.size() && word(code[j])) ++j;
+      t.kind = Token::Kind::name;
+      t.text = upper_of(code.substr(i, j - i));
+    } else {
+      ++j;
+      t.text = std::string(1, c);
+    }
+    out.push_back(std::move(t));
+    i = j;
+  }
+  return out;
+}
+std::size_t find(const std::vector<Token>& tokens, std::string_view text, std::size_t from) {
+  for (std::size_t i = from; i < tokens.size(); ++i)
+    if (tokens[i].text == text) return i;
+  return std::string::npos;
+}
+std::optional<double> number_after(const std::vector<Token>& tokens, std::string_view name) {
+  const std::size_t i = find(tokens, name);
+  if (i == std::string::npos || i + 1 >= tokens.size()) return std::nullopt;
+  if (tokens[i + 1].kind == Token::Kind::number) return tokens[i + 1].value;
+  if (i + 2 < tokens.size() && (tokens[i + 1].is("=") || tokens[i + 1].is(",") || tokens[i + 1].is("[") || tokens[i + 1].is("(")) &&
+      tokens[i + 2].kind == Token::Kind::number)
+    return tokens[i + 2].value;
+  return std::nullopt;
+}
+std::vector<reading::Line> raw_lines(const ProgramFile& file) {
+  std::vector<reading::Line> out;
+  std::string_view rest = file.bytes;
+  for (int number = 1; !rest.empty(); ++number) {
+    const std::size_t n = rest.find('\n');
+    reading::Line line{&file.name, number, rest.substr(0, n)};
+    if (!line.text.empty() && line.text.back() == '\r') line.text.remove_suffix(1);
+    out.push_back(line);
+    if (n == std::string_view::npos) break;
+    rest.remove_prefix(n + 1);
+  }
+  return out;
+}
+std::string upper_of(std::string_view text) {
+  std::string out(text);
+  for (char& c : out)
+    if (c >= 'a' && c <= 'z') c = static_cast<char>(c - 'a' + 'A');
+  return out;
+}
+std::string stem_of(const std::string& file_name) { return upper_of(std::string_view(file_name).substr(0, file_name.rfind('.'))); }
 
 namespace {
 
@@ -139,13 +208,7 @@ void common_rules(Findings& findings, const ProgramText& text, const PostContext
                   std::string_view (*code_of)(std::string_view line), bool needs_crlf) {
   for (const ProgramFile& file : text.files) {
     bytes_rule(findings, file, needs_crlf);
-    std::string_view rest = file.bytes;
-    for (int number = 1; !rest.empty(); ++number) {
-      const std::size_t n = std::min(rest.find('\n'), rest.size() - 1);
-      reading::Line line{&file.name, number, rest.substr(0, n)};
-      numbers_rule(findings, line, code_of(line.text));
-      rest.remove_prefix(n + 1);
-    }
+    for (const reading::Line& line : raw_lines(file)) numbers_rule(findings, line, code_of(line.text));
   }
   const Result<Program> program = read(text, context);
   if (!program) {

@@ -37,6 +37,24 @@ class Findings {
 void common_rules(Findings& findings, const ProgramText& text, const PostContext& context, Result<Program> (*read)(const ProgramText&, const PostContext&),
                   std::string_view (*code_of)(std::string_view line), bool needs_crlf);
 
+/// A token of a line: a name in upper case (letters, digits, _ $ #), a number, or one other character.
+struct Token {
+  enum class Kind { name, number, other } kind = Kind::other;
+  std::string text;
+  double value = 0;
+  bool is(std::string_view t) const { return text == t; }
+};
+std::vector<Token> tokens_of(std::string_view code);
+/// The position of the first token that is `text`; npos where there is none.
+std::size_t find(const std::vector<Token>& tokens, std::string_view text, std::size_t from = 0);
+/// The number after `name` and an equals sign, a bracketed index or a comma: "$VEL.CP=0.1" asked for "CP".
+std::optional<double> number_after(const std::vector<Token>& tokens, std::string_view name);
+
+/// Lines of a file without their ends; any byte is taken.
+std::vector<reading::Line> raw_lines(const ProgramFile& file);
+std::string stem_of(const std::string& file_name);
+std::string upper_of(std::string_view text);
+
 extern const std::vector<std::string_view> kCommonErrors, kCommonWarnings;
 std::vector<std::string_view> joined(std::vector<std::string_view> a, const std::vector<std::string_view>& b);
 
