@@ -20,7 +20,8 @@ struct Stage {
   double gate_ratio;
   std::vector<double> slack_mm;
 };
-const Stage kStages[] = {{1.0, {1.0, 0.5, 0.3}}, {0.6, {0.2, 0.1}}, {0.45, {0.05, 0.02}}, {0.45, {0.0, 0.0}}, {0.45, {0.0, 0.0}}};
+const Stage kStages[] = {{1.0, {1.0, 0.5, 0.3}}, {0.6, {0.2, 0.1}}, {0.45, {0.05, 0.02}}, {0.45, {0.0, 0.0}}, {0.45, {0.0, 0.0}}, {0.45, {0.0, 0.0}}, {0.45, {0.0, 0.0}}};
+constexpr int kLearningStages = 4;  // sizes of the imperfections are held from here on
 
 double robust_weight(double residual, double scale, double tuning) {
   const double u = residual / (tuning * scale);
@@ -56,18 +57,18 @@ class Adjustment {
 
   Adjusted run() {
     AdjustState& s = out_.state;
-    const int stages = std::min<int>(request_.rounds_count + 1, static_cast<int>(std::size(kStages)));
+    const int stages = static_cast<int>(std::size(kStages));
     for (int stage = 0; stage < stages; ++stage) {
       associate(std::max(0.5, kStages[stage].gate_ratio * request_.gate_mm));
       if (out_.clusters.empty()) return std::move(out_);
       Vec6 moved_by = Vec6::Zero();
       for (const double slack : kStages[stage].slack_mm) {
         moved_by += step(slack);
-        if (stage > 0) learn_sizes();
+        if (stage > 0 && stage < kLearningStages) learn_sizes();
       }
       const double lever = 0.5 * cad_.size_mm;
       s.step_mm = moved_by.head<3>().norm() + lever * moved_by.tail<3>().norm();
-      if (stage >= 2 && s.step_mm < 0.002) break;
+      if (stage >= 3 && s.step_mm < 0.003) break;
     }
     out_.is_converged = s.step_mm < 0.02;
     finish();

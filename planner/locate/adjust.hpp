@@ -35,7 +35,6 @@ struct AdjustRequest {
   const RobotPrior* prior = nullptr;
   Pose<frame::Base, frame::Part> start;
   Mat6 part_prior_information = Mat6::Zero();    // about the part's twist in base about the center; zero: none
-  int rounds_count = 4;
   double gate_mm = 4.0;                          // of the first round; it narrows
   double edge_band_mm = 1.0;
 };
