@@ -30,7 +30,9 @@ struct BrepFace {
   }
 };
 
-/// Samples run along the edge; arrays are parallel. A closed edge repeats its first point at the end.
+/// Samples run along the edge, at least every mm and every 10 degrees; arrays are parallel. A closed edge repeats its first point at
+/// the end. The walk is the one of face_1 (its interior on the left, seen from outside): the direction into face_1 is
+/// n_1 x tangent, into face_2 tangent x n_2, and (n_1 x n_2) . tangent > 0 on a convex edge.
 struct BrepEdge {
   std::string id;              // "#88"
   int face_1 = -1, face_2 = -1;  // indices into Brep::faces; -1: none

@@ -53,22 +53,32 @@ std::vector<double> finer(const TopoEdge& e, double step_mm, double step_rad) {
 
 }  // namespace
 
-EdgeKind kind_of(const std::vector<Vec3>& tangent, const std::vector<Vec3>& n_1, const std::vector<Vec3>& n_2, double& dihedral_rad) {
-  std::vector<double> angles;
-  int convex = 0, concave = 0;
+EdgeKind kind_of(const std::vector<double>& s_mm, const std::vector<Vec3>& tangent, const std::vector<Vec3>& n_1,
+                 const std::vector<Vec3>& n_2, double& dihedral_rad) {
+  // Each sample stands for half the way to its neighbours.
+  std::vector<std::pair<double, double>> angle_weight;
+  double convex = 0, concave = 0, total = 0;
   for (std::size_t i = 0; i < tangent.size(); ++i) {
     const Vec3 c = n_1[i].cross(n_2[i]);
     const double a = std::atan2(c.norm(), n_1[i].dot(n_2[i]));
-    angles.push_back(a);
-    if (a > rad_from_deg(10)) (c.dot(tangent[i]) > 0 ? convex : concave)++;
+    const double w = 1e-12 + 0.5 * (s_mm[std::min(i + 1, tangent.size() - 1)] - s_mm[i > 0 ? i - 1 : 0]);
+    angle_weight.emplace_back(a, w);
+    total += w;
+    if (a >= rad_from_deg(1)) (c.dot(tangent[i]) > 0 ? convex : concave) += w;
   }
-  std::vector<double> sorted = angles;
-  std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2), sorted.end());
-  dihedral_rad = sorted[sorted.size() / 2];
-  if (dihedral_rad < rad_from_deg(1)) return EdgeKind::smooth;
-  if (dihedral_rad < rad_from_deg(10)) return EdgeKind::near_tangent;
-  const int all = convex + concave;
-  if (convex * 20 > all && concave * 20 > all) return EdgeKind::mixed;
+  std::sort(angle_weight.begin(), angle_weight.end());
+  const auto quantile = [&](double f) {
+    double sum = 0;
+    for (const auto& [a, w] : angle_weight)
+      if ((sum += w) >= f * total) return a;
+    return angle_weight.back().first;
+  };
+  dihedral_rad = quantile(0.5);
+  // What an edge is at its sharpest: one that runs out tangentially is still an edge.
+  const double top = quantile(0.98);
+  if (top < rad_from_deg(1)) return EdgeKind::smooth;
+  if (top < rad_from_deg(10)) return EdgeKind::near_tangent;
+  if (convex > 0.05 * (convex + concave) && concave > 0.05 * (convex + concave)) return EdgeKind::mixed;
   return convex >= concave ? EdgeKind::sharp_convex : EdgeKind::sharp_concave;
 }
 
@@ -101,6 +111,10 @@ std::vector<BrepEdge> classify_edges(const Body& body, double step_mm, double st
       const double l = c.d1.norm();
       b.tangent.push_back(l > 0 ? Vec3((forward ? 1 : -1) * c.d1 / l) : Vec3::Zero());
     }
+    for (std::size_t i = 0; i < b.p.size(); ++i) {  // a derivative that vanishes or turns back at a knot: the chord instead
+      const Vec3 chord = b.p[std::min(i + 1, b.p.size() - 1)] - b.p[i > 0 ? i - 1 : 0];
+      if (b.tangent[i].dot(chord) <= 0 && chord.norm() > 0) b.tangent[i] = chord.normalized();
+    }
     if (b.is_closed) b.p.back() = b.p.front();
     b.length_mm = s;
     double off = 0;
@@ -116,7 +130,7 @@ std::vector<BrepEdge> classify_edges(const Body& body, double step_mm, double st
       b.kind = EdgeKind::boundary;
       if (b.fault.empty()) b.fault = "a face beside it could not be read";
     } else {
-      b.kind = kind_of(b.tangent, b.n_1, b.n_2, b.dihedral_rad);
+      b.kind = kind_of(b.s_mm, b.tangent, b.n_1, b.n_2, b.dihedral_rad);
       b.is_seam = b.face_1 == b.face_2 && (b.kind == EdgeKind::smooth || b.kind == EdgeKind::near_tangent);
     }
     if (b.n_1.empty()) b.n_1.assign(b.p.size(), Vec3::Zero());

@@ -11,6 +11,8 @@ namespace asbuilt::step {
 std::vector<BrepEdge> classify_edges(const Body& body, double step_mm, double step_rad);
 
 /// Kind from angle and sign per sample; shared with parts given as meshes.
-EdgeKind kind_of(const std::vector<Vec3>& tangent, const std::vector<Vec3>& n_1, const std::vector<Vec3>& n_2, double& dihedral_rad);
+/// The kind is what the edge is at its sharpest (98 % of its length), the dihedral angle the median along the length.
+EdgeKind kind_of(const std::vector<double>& s_mm, const std::vector<Vec3>& tangent, const std::vector<Vec3>& n_1,
+                 const std::vector<Vec3>& n_2, double& dihedral_rad);
 
 }  // namespace asbuilt::step
