@@ -26,8 +26,12 @@ Result<CloudFile> read_xyz_points(std::string_view bytes, const std::string& nam
   cloud.points.reserve(bytes.size() / 32);
   while (take_line(rest, line)) {
     ++number;
-    if (const std::size_t c = line.find('#'); c != std::string_view::npos) line = line.substr(0, c);
-    if (const std::size_t c = line.find("//"); c != std::string_view::npos) line = line.substr(0, c);
+    for (const std::string_view mark : {"#", "//"})  // a comment opens a line or follows a blank ("1.#QNAN" is a number)
+      for (std::size_t c = line.find(mark); c != std::string_view::npos; c = line.find(mark, c + 1))
+        if (c == 0 || is_blank(line[c - 1])) {
+          line = line.substr(0, c);
+          break;
+        }
     const char divider = line.find(';') != std::string_view::npos ? ';' : line.find(',') != std::string_view::npos ? ',' : ' ';
     if (divider != ' ') {
       copy.assign(line);

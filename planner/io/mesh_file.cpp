@@ -12,6 +12,7 @@
 #include <unordered_map>
 
 #include "planner/io/ply.hpp"
+#include "planner/io/zip_file.hpp"
 
 namespace asbuilt {
 
@@ -113,6 +114,18 @@ void put(std::string& bytes, const T& v) {
 std::optional<double> mesh_unit_mm(std::string_view bytes, const std::string& name) {
   const std::string e = extension_of(name);
   if (e == "dae") return 1000.0;  // assimp turns the file's unit into metres
+  if (e == "3mf") {               // an attribute of the model; millimetres where it is absent
+    const std::optional<std::string> model = read_zip_entry(bytes, ".model", 1u << 16);
+    if (!model) return std::nullopt;
+    const std::size_t tag = model->find("<model");
+    const std::string head = tag == std::string::npos ? "" : model->substr(tag, model->find('>', tag) - tag);
+    const std::size_t unit = head.find(" unit=");
+    if (unit == std::string::npos || head.size() < unit + 8) return 1.0;
+    const std::string word = head.substr(unit + 7, head.find(head[unit + 6], unit + 7) - unit - 7);
+    static constexpr std::pair<std::string_view, double> units[] = {{"micron", 0.001}, {"millimeter", 1}, {"centimeter", 10}, {"inch", 25.4}, {"foot", 304.8}, {"meter", 1000}};
+    for (const auto& [name_of_unit, mm] : units)
+      if (word == name_of_unit) return mm;
+  }
   return std::nullopt;
 }
 
