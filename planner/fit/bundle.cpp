@@ -141,7 +141,12 @@ Bundle solve_bundle(const BundleOptions& options, const std::vector<Cell>& cells
         captures[k].correction = captures[k].prior.disturbed(captures[k].spread * captures[k].whitened);
       }
   }
-  out.covariance = h.llt().solve(Eigen::MatrixXd::Identity(size, size));
+  // The captures' part is the location's to report: here the faces' given the captures.
+  out.covariance = Eigen::MatrixXd::Zero(size, size);
+  for (std::size_t f = 0; f < faces.size(); ++f) {
+    const int a = out.offset[f], m = modes_count(faces[f].surface) + faces[f].field.size();
+    out.covariance.block(a, a, m, m) = h.block(a, a, m, m).llt().solve(Eigen::MatrixXd::Identity(m, m));
+  }
   std::vector<double> square(faces.size(), 0), weight(faces.size(), 0);
   for (FaceModel& f : faces) f.points_count = 0;
   for (std::size_t i = 0; i < cells.size(); ++i) {

@@ -27,7 +27,7 @@ struct Bundle {
   std::vector<int> offset;       // first unknown of each face: modes, then field
   int captures_offset = 0;       // then 6 whitened unknowns of each free capture, in order
   std::vector<int> capture_offset;  // -1: fixed
-  Eigen::MatrixXd covariance;    // of all unknowns
+  Eigen::MatrixXd covariance;    // of each face's unknowns, the captures given; zero elsewhere
   double factor = 1;             // variance factor found from the residuals and applied
   std::vector<double> residual_mm, weight;  // parallel to the cells
 };

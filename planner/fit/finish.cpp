@@ -54,7 +54,9 @@ SurfaceFit describe(const FaceModel& face, const Brep& brep) {
   return out;
 }
 
-/// Covariance of a measured point from what all captures share: the sensor's place on the flange and the tool's.
+/// What all points of a place have in common and no fit can see: the captures' corrections relative to the cut (as located; not
+/// averaged down over captures, for most of it is shared), the sensor's place on the flange where the location carries no
+/// such covariance, and the tool's tip.
 Mat3 common_covariance(const Solved& s, const std::vector<double>& capture_weight, const std::string& feature, const Vec3& p_part) {
   Mat3 c = Mat3::Zero();
   const Vec3 p_base = s.location.T_base_part.point(p_part);
@@ -62,12 +64,24 @@ Mat3 common_covariance(const Solved& s, const std::vector<double>& capture_weigh
   for (std::size_t k = 0; k < capture_weight.size(); ++k) {
     if (capture_weight[k] <= 0) continue;
     const CloudCapture& capture = s.cloud.captures[k];
-    const Vec3 p = capture.T_base_sensor.inverse().point(p_base);
-    Eigen::Matrix<double, 3, 6> j;
-    j << Mat3::Identity(), -skew(p);
-    j = capture.T_base_sensor.rotation() * j;
-    c += capture_weight[k] * (j * capture.covariance_sensor * j.transpose());
-    total += capture_weight[k];
+    Mat3 own;
+    const bool is_located = k < s.location.correction_covariances.size() && s.location.correction_covariances[k].norm() > 0;
+    if (is_located) {
+      const auto& T = s.location.corrections[k];
+      Eigen::Matrix<double, 3, 6> j;
+      j << Mat3::Identity(), -skew(T.inverse().point(p_base));
+      j = T.rotation() * j;
+      own = j * s.location.correction_covariances[k] * j.transpose();
+    } else {
+      Eigen::Matrix<double, 3, 6> j;
+      j << Mat3::Identity(), -skew(capture.T_base_sensor.inverse().point(p_base));
+      j = capture.T_base_sensor.rotation() * j;
+      own = j * capture.covariance_sensor * j.transpose();
+    }
+    // A capture known better counts for more, as it does in the solution.
+    const double w = capture_weight[k] / std::max(1e-8, own.trace());
+    c += w * own;
+    total += w;
   }
   if (total > 0) c /= total;
   for (const FeatureSpec& f : s.job.part.features) {

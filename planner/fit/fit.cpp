@@ -88,7 +88,7 @@ void choose_fields(Setup& setup, const std::vector<Cell>& cells, const Bundle& b
       const std::size_t i = k * feet.size() / count;
       q.push_back(feet[i]);
       heights(static_cast<Eigen::Index>(k)) = bundle.residual_mm[index[i]];
-      sd(static_cast<Eigen::Index>(k)) = std::hypot(cells[index[i]].sd_mm, 0.003);
+      sd(static_cast<Eigen::Index>(k)) = std::hypot(cells[index[i]].sd_mm, 0.005);
     }
     const FieldChoice choice = choose_field(face, q, heights, sd);
     face.field = make_field(feet, choice.amplitude_mm, choice.length_mm, 40);
@@ -121,6 +121,9 @@ Result<Done<Features>> fit(const FitRecipe& recipe, const Job& job, const Measur
     if (check_seen(setup, cells, job).empty()) break;
   }
   if (Refusals r = check_seen(setup, cells, job); !r.empty()) return refuse_all(std::move(r));
+  // The captures stay as located until the faces have the freedom they need: else a bent face would tear its captures apart.
+  const std::vector<CaptureModel> free_captures = setup.captures;
+  for (CaptureModel& c : setup.captures) c.is_free = false;
   bundle = solve_bundle({}, cells, T, setup.faces, setup.captures);
   std::vector<Traced> traced = trace_all(setup, job, recipe, false);
   if (Refusals r = check_traced(recipe, setup, traced, job); !r.empty()) return refuse_all(std::move(r));
@@ -140,6 +143,7 @@ Result<Done<Features>> fit(const FitRecipe& recipe, const Job& job, const Measur
   cells = associate(close, cloud, T, corrections_of(setup), use, setup.edges, setup.faces, setup.all_edges, setup.all_edges_index);
   bundle = solve_bundle({}, cells, T, setup.faces, setup.captures);
   choose_fields(setup, cells, bundle, T);
+  setup.captures = free_captures;
   bundle = solve_bundle({}, cells, T, setup.faces, setup.captures);
   traced = trace_all(setup, job, recipe, true);
   if (Refusals r = check_traced(recipe, setup, traced, job); !r.empty()) return refuse_all(std::move(r));
