@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// One function a command: takes what the command line said, says its answer, returns the exit status.
+// One function a command: takes what the command line said, says its answer, returns the exit status of the contract.
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -19,9 +20,50 @@ struct BatchArguments {
 };
 int batch_command(const BatchArguments& arguments, Console& console);
 
-/// The languages of "krl,inform"; empty with a message in `fault` for one that is unknown.
+struct DemoArguments {
+  std::string out = "out/demo";
+  std::uint64_t seed = 1;
+  int jobs_count = 2;
+};
+int demo_command(const DemoArguments& arguments, Console& console);
+
+struct StageArguments {  // fuse, locate, fit, burr, path, motion
+  std::string stage, batch, item, out = "out";
+  bool allow_outside = false;
+};
+int stage_command(const StageArguments& arguments, Console& console);
+
+struct CadArguments {
+  std::string file, units, mesh_out;
+  bool wants_edges = false;
+  double chord_mm = 0, angle_deg = 0;
+};
+int cad_command(const CadArguments& arguments, Console& console);
+
+struct VerifyArguments {
+  std::vector<std::string> programs;
+  std::string cell, result, batch, item;
+};
+int verify_command(const VerifyArguments& arguments, Console& console);
+
+struct CompareArguments {
+  std::string a, b, cell;
+};
+int compare_command(const CompareArguments& arguments, Console& console);
+
+int simulate_command(const std::string& scenario, const std::string& out, Console& console);
+int calibrate_command(const std::string& captures, const std::string& out, Console& console);
+int schema_command(const std::string& kind, Console& console);
+int show_command(const std::string& file, Console& console);
+int why_command(const std::string& item, const std::string& out, Console& console);
+
+/// The languages of "krl,inform"; `fault` says which word is none.
 std::vector<Language> languages_of(const std::vector<std::string>& words, std::string& fault);
 /// The command that answers an order of run_batch: this program.
 std::vector<std::string> own_worker_command();
+/// Options that batch and demo share: code tag, date, worker, progress on the console.
+BatchOptions batch_options(const std::string& out, Console& console);
+/// One row an item: status, seconds, first reason.
+std::string batch_table(const BatchOutcome& outcome, const std::string& out);
 
 }  // namespace asbuilt

@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cctype>
 #include <ctime>
 
 #include "planner/base/archive.hpp"
@@ -66,6 +67,11 @@ class FolderLock {
   bool is_held_ = false;
 };
 
+bool is_folder_name(const std::string& id) {
+  if (id.empty() || id.size() > 100 || id.front() == '.' || id == "store" || id == "slurm") return false;
+  return std::all_of(id.begin(), id.end(), [](unsigned char c) { return std::isalnum(c) || c == '-' || c == '_' || c == '.'; });
+}
+
 BatchLine line_from_disk(const fs::path& out, const std::string& item_id) {
   BatchLine line;
   line.item_id = item_id;
@@ -88,9 +94,9 @@ BatchLine line_from_disk(const fs::path& out, const std::string& item_id) {
   return line;
 }
 
-ItemRecord failed_record(const Batch& batch, const std::string& item_id, const ItemEnd& end) {
+ItemRecord failed_record(const std::string& batch_id, const std::string& item_id, const ItemEnd& end) {
   ItemRecord r;
-  r.batch_id = batch.id;
+  r.batch_id = batch_id;
   r.item_id = item_id;
   r.status = ItemStatus::failed;
   r.reasons.push_back({.code = end.code, .where = item_id, .message = end.message, .stage = end.blame});
@@ -101,20 +107,38 @@ ItemRecord failed_record(const Batch& batch, const std::string& item_id, const I
 
 }  // namespace
 
-Result<BatchOutcome> run_batch(const fs::path& batch_file, const BatchOptions& options) {
-  auto loaded = load_batch(batch_file, options.item.inputs);
-  if (!loaded) return refuse_all(loaded.error());
-  const Batch& batch = loaded->artefact;
-  BatchOutcome outcome;
-  outcome.batch_id = batch.id;
-  outcome.notes = loaded->notes;
+Result<BatchOutcome> run_batch(const fs::path& batch_file, const BatchOptions& options) { return run_batches({batch_file}, "", options); }
 
-  std::vector<std::string> items;
-  for (const BatchItem& item : batch.items)
-    if (options.only.empty() || options.only.contains(item.id)) items.push_back(item.id);
-  for (const std::string& id : options.only)
-    if (std::find(items.begin(), items.end(), id) == items.end())
-      return refuse({.code = "input.unknown_item", .where = batch_file.string(), .message = "--only " + id + ": the batch has no such item", .stage = "input"});
+Result<BatchOutcome> run_batches(const std::vector<fs::path>& batch_files, const std::string& id, const BatchOptions& options) {
+  BatchOutcome outcome;
+  outcome.batch_id = id;
+  std::vector<ItemTask> tasks;
+  std::vector<std::string> batch_ids;  // parallel to tasks
+  std::set<std::string> known;
+  for (const fs::path& file : batch_files) {
+    auto loaded = load_batch(file, options.item.inputs);
+    if (!loaded) return refuse_all(loaded.error());
+    const Batch& batch = loaded->artefact;
+    outcome.notes.insert(outcome.notes.end(), loaded->notes.begin(), loaded->notes.end());
+    if (id.empty()) outcome.batch_id = batch.id;
+    for (const BatchItem& item : batch.items) {
+      must(known.insert(item.id).second, "two items of one run have the same id");
+      if (!is_folder_name(item.id))
+        return refuse({.code = "input.bad_item_id",
+                       .where = file.string() + ": item " + item.id,
+                       .message = "an item's id names its folder: letters, digits, '-', '_' and '.', not first a '.', at most 100, and not store or slurm",
+                       .stage = "input"});
+      if (!options.only.empty() && !options.only.contains(item.id)) continue;
+      tasks.push_back({fs::absolute(file), item.id});
+      batch_ids.push_back(batch.id);
+    }
+  }
+  for (const std::string& only : options.only)
+    if (!known.contains(only)) {
+      std::string all;
+      for (const std::string& k : known) all += (all.empty() ? "" : ", ") + k;
+      return refuse({.code = "input.unknown_item", .where = batch_files.front().string(), .message = "--only " + only + ": the batch has no such item; it has " + all, .stage = "input"});
+    }
 
   const fs::path& out = options.item.out;
   std::error_code fault;
@@ -123,14 +147,14 @@ Result<BatchOutcome> run_batch(const fs::path& batch_file, const BatchOptions& o
   if (!lock.is_held())
     return refuse({.code = "input.out_not_usable",
                    .where = out.string(),
-                   .message = fault ? "--out " + out.string() + ": " + fault.message()
-                                    : "--out " + out.string() + ": another run is writing there, or the folder cannot be written; wait for it or name another folder",
+                   .message = "--out " + out.string() + ": " +
+                              (fault ? fault.message() : "another run is writing there, or the folder cannot be written") + "; wait for it or name another folder",
                    .stage = "input"});
-  for (const std::string& id : items) withdraw_item(out, id);
-  if (options.items_known) options.items_known(items.size());
+  for (const ItemTask& task : tasks) withdraw_item(out, task.item);
+  if (options.items_known) options.items_known(tasks.size());
 
   History history(out / "store" / "history.sqlite");
-  std::vector<BatchLine> lines(items.size());
+  std::vector<BatchLine> lines(tasks.size());
   std::vector<int> statuses;
   ItemSteps steps;
   BatchOptions watched = options;
@@ -139,22 +163,26 @@ Result<BatchOutcome> run_batch(const fs::path& batch_file, const BatchOptions& o
     if (options.watch) options.watch(event);
   };
   const auto finished = [&](std::size_t index, const ItemEnd& end) {
-    const std::string& id = items[index];
-    if (!end.code.empty()) write_item(out, failed_record(batch, id, end));
-    lines[index] = line_from_disk(out, id);
+    const std::string& item = tasks[index].item;
+    if (!end.code.empty()) write_item(out, failed_record(batch_ids[index], item, end));
+    lines[index] = line_from_disk(out, item);
+    for (const StageEvent& e : steps[item]) {
+      double& peak = lines[index].peak_memory_mib[e.stage];
+      peak = std::max(peak, e.peak_memory_mib);
+    }
     statuses.push_back(exit_status_of(lines[index]));
-    history.add(lines[index], steps[id]);
+    history.add(lines[index], steps[item]);
     if (options.item_finished) options.item_finished(lines[index]);
   };
   if (options.use_slurm) {
-    if (auto ran = run_items_on_slurm(fs::absolute(batch_file), items, watched, finished); !ran) return refuse_all(ran.error());
+    if (auto ran = run_items_on_slurm(tasks, watched, finished); !ran) return refuse_all(ran.error());
   } else {
-    run_items_here(fs::absolute(batch_file), items, watched, finished);
+    run_items_here(tasks, watched, finished);
   }
   outcome.lines = std::move(lines);
   outcome.exit_status = worst_exit_status(statuses);
-  write_file_whole(out / "batch.json", batch_json(batch.id, outcome.lines));
-  write_file_whole(out / "index.html", index_html(batch.id, outcome.lines));
+  write_file_whole(out / "batch.json", batch_json(outcome.batch_id, outcome.lines));
+  write_file_whole(out / "index.html", index_html(outcome.batch_id, outcome.lines));
   return outcome;
 }
 

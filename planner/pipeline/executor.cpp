@@ -27,10 +27,10 @@ std::string blame_of(const std::string& stage) {
   return stage.empty() ? "input" : stage;
 }
 
-std::string order_json(const fs::path& batch_file, const std::string& item_id, const BatchOptions& options, int events_fd) {
+std::string order_json(const ItemTask& task, const BatchOptions& options, int events_fd) {
   Json order;
-  order["batch"] = batch_file.string();
-  order["item"] = item_id;
+  order["batch"] = task.batch_file.string();
+  order["item"] = task.item;
   order["out"] = fs::absolute(options.item.out).string();
   order["allow_outside"] = options.item.inputs.allow_outside;
   order["today"] = options.item.inputs.today;
@@ -81,13 +81,13 @@ struct Child {
 volatile std::sig_atomic_t interrupted = 0;
 void on_interrupt(int signal) { interrupted = signal; }
 
-Child start_child(std::size_t index, const fs::path& batch_file, const std::string& item, const BatchOptions& options) {
+Child start_child(std::size_t index, const ItemTask& task, const BatchOptions& options) {
   int ends[2];
   if (::pipe2(ends, O_CLOEXEC) != 0) throw std::runtime_error(fmt::format("no pipe to a worker: {}", std::strerror(errno)));
   constexpr int kEventsFd = 3;
   std::vector<std::string> words = options.worker;
   must(!words.empty(), "a batch needs the command of its worker");
-  words.push_back(order_json(batch_file, item, options, kEventsFd));
+  words.push_back(order_json(task, options, kEventsFd));
   std::vector<char*> argv;
   for (std::string& w : words) argv.push_back(w.data());
   argv.push_back(nullptr);
@@ -154,7 +154,7 @@ void explain_end(Child& child, int status, const fs::path& result, double timeou
 
 }  // namespace
 
-void run_items_here(const fs::path& batch_file, const std::vector<std::string>& items, const BatchOptions& options, const ItemFinished& finished) {
+void run_items_here(const std::vector<ItemTask>& tasks, const BatchOptions& options, const ItemFinished& finished) {
   interrupted = 0;
   struct sigaction mine {}, old_int{}, old_term{};
   mine.sa_handler = on_interrupt;
@@ -162,9 +162,9 @@ void run_items_here(const fs::path& batch_file, const std::vector<std::string>& 
   ::sigaction(SIGTERM, &mine, &old_term);
   std::vector<Child> children;
   std::size_t next = 0;
-  while (!interrupted && (next < items.size() || !children.empty())) {
-    while (next < items.size() && children.size() < static_cast<std::size_t>(std::max(1, options.jobs_count))) {
-      children.push_back(start_child(next, batch_file, items[next], options));
+  while (!interrupted && (next < tasks.size() || !children.empty())) {
+    while (next < tasks.size() && children.size() < static_cast<std::size_t>(std::max(1, options.jobs_count))) {
+      children.push_back(start_child(next, tasks[next], options));
       ++next;
     }
     std::vector<pollfd> waits;
@@ -172,7 +172,7 @@ void run_items_here(const fs::path& batch_file, const std::vector<std::string>& 
     ::poll(waits.data(), waits.size(), 200);
     for (std::size_t k = 0; k < children.size();) {
       Child& c = children[k];
-      read_events(c, items[c.index], options);
+      read_events(c, tasks[c.index].item, options);
       int status = 0;
       if (::waitpid(c.pid, &status, WNOHANG) != c.pid) {
         const double age_s = std::chrono::duration<double>(Clock::now() - c.start).count();
@@ -184,9 +184,9 @@ void run_items_here(const fs::path& batch_file, const std::vector<std::string>& 
         continue;
       }
       ::kill(-c.pid, SIGKILL);  // whatever it may have left behind
-      read_events(c, items[c.index], options);
+      read_events(c, tasks[c.index].item, options);
       ::close(c.events);
-      explain_end(c, status, options.item.out / items[c.index] / "result.json", options.timeout_s);
+      explain_end(c, status, options.item.out / tasks[c.index].item / "result.json", options.timeout_s);
       const Child ended = std::move(c);
       children.erase(children.begin() + static_cast<std::ptrdiff_t>(k));
       finished(ended.index, ended.end);

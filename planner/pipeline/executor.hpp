@@ -21,15 +21,17 @@ struct ItemEnd {
 using ItemSteps = std::map<std::string, std::vector<StageEvent>>;
 using ItemFinished = std::function<void(std::size_t index, const ItemEnd&)>;
 
-void run_items_here(const std::filesystem::path& batch_file, const std::vector<std::string>& items, const BatchOptions& options,
-                    const ItemFinished& finished);
+struct ItemTask {
+  std::filesystem::path batch_file;
+  std::string item;
+};
+void run_items_here(const std::vector<ItemTask>& tasks, const BatchOptions& options, const ItemFinished& finished);
 
 /// Writes OUT/slurm/ITEM.sbatch, submits them and waits for their results. Refuses input.no_slurm, input.slurm_refused.
-Result<bool> run_items_on_slurm(const std::filesystem::path& batch_file, const std::vector<std::string>& items, const BatchOptions& options,
-                                const ItemFinished& finished);
+Result<bool> run_items_on_slurm(const std::vector<ItemTask>& tasks, const BatchOptions& options, const ItemFinished& finished);
 
 /// The order a worker is given, one line of JSON.
-std::string order_json(const std::filesystem::path& batch_file, const std::string& item_id, const BatchOptions& options, int events_fd);
+std::string order_json(const ItemTask& task, const BatchOptions& options, int events_fd);
 
 /// The contract's stage that answers for a step of the pipeline ("program" -> "motion").
 std::string blame_of(const std::string& stage);

@@ -62,15 +62,15 @@ Texts texts_of(const std::string& json) {
 
 struct PastStage {
   std::string stage, what;
-  double time_s = 0;
+  double time_s = 0, memory_mib = 0;
   Texts parts;
 };
 
 std::vector<PastStage> stages_of(sqlite3* database, sqlite3_int64 run) {
   std::vector<PastStage> stages;
-  Statement s(database, "select stage, what, time_s, parts from stages where run = ? order by place");
+  Statement s(database, "select stage, what, time_s, parts, memory_mib from stages where run = ? order by place");
   s.bind(run);
-  while (s.step()) stages.push_back({s.text(0), s.text(1), s.number(2), texts_of(s.text(3))});
+  while (s.step()) stages.push_back({s.text(0), s.text(1), s.number(2), s.number(4), texts_of(s.text(3))});
   return stages;
 }
 
@@ -121,7 +121,7 @@ std::optional<Why> History::why(const std::string& item_id) const {
 
   Why why;
   for (std::size_t i = 0; i < latest.size(); ++i) {
-    WhyLine line{latest[i].stage, latest[i].what, {}, latest[i].time_s};
+    WhyLine line{latest[i].stage, latest[i].what, {}, latest[i].time_s, latest[i].memory_mib};
     const bool has_match = i < before.size() && before[i].stage == latest[i].stage;
     if (!has_match) line.changed = {"first run"};
     else
@@ -140,6 +140,12 @@ std::optional<Why> History::why(const std::string& item_id) const {
   for (const auto& [path, hash] : files_before)
     if (!files.contains(path)) why.files.push_back(path + ": gone");
   return why;
+}
+
+std::optional<Why> why_item(const std::filesystem::path& out, const std::string& item_id) {
+  const std::filesystem::path file = out / "store" / "history.sqlite";
+  if (!std::filesystem::exists(file)) return std::nullopt;
+  return History(file).why(item_id);
 }
 
 }  // namespace asbuilt

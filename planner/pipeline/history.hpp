@@ -12,17 +12,6 @@
 
 namespace asbuilt {
 
-/// Why a stage of the latest run of an item ran again, or did not.
-struct WhyLine {
-  std::string stage, what;            // "from store", "done", "refused", "failed"
-  std::vector<std::string> changed;   // "code", "recipe", "input: cloud"; "first run" where there is nothing to compare with
-  double time_s = 0;
-};
-struct Why {
-  std::vector<WhyLine> stages;
-  std::vector<std::string> files;  // "part.yaml: changed", "scans.yaml: new"
-};
-
 class History {
  public:
   /// A file that cannot be opened is no reason to stop a batch: nothing is recorded then.

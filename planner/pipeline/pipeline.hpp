@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <functional>
 #include <map>
+#include <optional>
 #include <set>
 #include <string>
 #include <vector>
@@ -68,6 +69,8 @@ struct BatchOutcome {
 /// Every item in a process of its own, `jobs_count` at a time; a crash, a signal or a time limit in one is that item's failure.
 /// Writes DIR/batch.json and DIR/index.html. Refuses what is wrong with the batch file itself (input.*).
 Result<BatchOutcome> run_batch(const std::filesystem::path& batch_file, const BatchOptions& options);
+/// The items of several batch files into one DIR under the given name; an item's id may occur once.
+Result<BatchOutcome> run_batches(const std::vector<std::filesystem::path>& batch_files, const std::string& id, const BatchOptions& options);
 
 /// The worker's side: runs the item of an order made by run_batch, writes it, and returns 0 | 3 | 4.
 int run_order(const std::string& order_json);
@@ -81,5 +84,18 @@ int worst_exit_status(const std::vector<int>& statuses);
 std::string own_code_tag();
 /// Today's date, ISO.
 std::string today_iso();
+
+/// Why a stage of the latest run of an item ran again, or did not.
+struct WhyLine {
+  std::string stage, what;            // "from store", "done", "refused", "failed"
+  std::vector<std::string> changed;   // "code", "recipe", "input: cloud"; "first run" where there is nothing to compare with
+  double time_s = 0, peak_memory_mib = 0;
+};
+struct Why {
+  std::vector<WhyLine> stages;
+  std::vector<std::string> files;  // "part.yaml: changed", "scans.yaml: new"
+};
+/// The item's latest run against the one before, from DIR's history. None where the item was never run there.
+std::optional<Why> why_item(const std::filesystem::path& out, const std::string& item_id);
 
 }  // namespace asbuilt

@@ -36,8 +36,7 @@ std::string quoted(const std::string& word) {
 
 }  // namespace
 
-Result<bool> run_items_on_slurm(const fs::path& batch_file, const std::vector<std::string>& items, const BatchOptions& options,
-                                const ItemFinished& finished) {
+Result<bool> run_items_on_slurm(const std::vector<ItemTask>& tasks, const BatchOptions& options, const ItemFinished& finished) {
   if (!has_program("sbatch"))
     return refuse({.code = "input.no_slurm",
                    .where = "--executor slurm",
@@ -45,10 +44,11 @@ Result<bool> run_items_on_slurm(const fs::path& batch_file, const std::vector<st
                    .stage = "input"});
   const fs::path folder = fs::absolute(options.item.out) / "slurm";
   fs::create_directories(folder);
-  for (const std::string& item : items) {
+  for (const ItemTask& task : tasks) {
+    const std::string& item = task.item;
     std::string command;
     for (const std::string& word : options.worker) command += quoted(word) + " ";
-    command += quoted(order_json(batch_file, item, options, -1));
+    command += quoted(order_json(task, options, -1));
     const fs::path script = folder / (item + ".sbatch"), ended = folder / (item + ".ended");
     fs::remove(ended);
     const int minutes = options.timeout_s > 0 ? static_cast<int>(options.timeout_s / 60) + 1 : 60;
@@ -58,20 +58,20 @@ Result<bool> run_items_on_slurm(const fs::path& batch_file, const std::vector<st
     if (std::system(("sbatch --parsable " + quoted(script.string()) + " >&2").c_str()) != 0)
       return refuse({.code = "input.slurm_refused", .where = script.string(), .message = "sbatch did not take the job of item " + item, .stage = "input"});
   }
-  std::vector<bool> is_finished(items.size(), false);
+  std::vector<bool> is_finished(tasks.size(), false);
   const auto start = std::chrono::steady_clock::now();
-  for (std::size_t left = items.size(); left > 0;) {
+  for (std::size_t left = tasks.size(); left > 0;) {
     std::this_thread::sleep_for(std::chrono::seconds(2));
     const double age_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-    for (std::size_t k = 0; k < items.size(); ++k) {
+    for (std::size_t k = 0; k < tasks.size(); ++k) {
       if (is_finished[k]) continue;
-      const auto status = read_file_whole(folder / (items[k] + ".ended"));
+      const auto status = read_file_whole(folder / (tasks[k].item + ".ended"));
       ItemEnd end;
       if (!status) {
         if (options.timeout_s <= 0 || age_s < options.timeout_s + 600) continue;
-        end = {"input", "failed.timeout", "the cluster's job left no result in time; see slurm/" + items[k] + ".log", {}, {}};
-      } else if (!fs::exists(options.item.out / items[k] / "result.json")) {
-        end = {"input", "failed.exit", "the cluster's job ended with status " + *status + " and no result; see slurm/" + items[k] + ".log", {}, {}};
+        end = {"input", "failed.timeout", "the cluster's job left no result in time; see slurm/" + tasks[k].item + ".log", {}, {}};
+      } else if (!fs::exists(options.item.out / tasks[k].item / "result.json")) {
+        end = {"input", "failed.exit", "the cluster's job ended with status " + *status + " and no result; see slurm/" + tasks[k].item + ".log", {}, {}};
       }
       is_finished[k] = true;
       --left;

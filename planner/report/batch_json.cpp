@@ -33,6 +33,8 @@ std::string batch_json(const std::string& batch_id, const std::vector<BatchLine>
     }
     row["timing_s"] = Json::object();
     for (const auto& [stage, time] : line.timing_s) row["timing_s"][stage] = number(time, 3);
+    row["peak_memory_mib"] = Json::object();
+    for (const auto& [stage, peak] : line.peak_memory_mib) row["peak_memory_mib"][stage] = number(peak, 1);
     j["items"].push_back(std::move(row));
   }
   j["version"] = version_text();

@@ -16,6 +16,7 @@ struct BatchLine {  // one row of batch.json and index.html
   ItemStatus status = ItemStatus::failed;
   std::vector<Refusal> reasons;
   std::map<std::string, double> timing_s;
+  std::map<std::string, double> peak_memory_mib;
   std::string result_json;  // the item's own, "" when it has none
 };
 std::string batch_json(const std::string& batch_id, const std::vector<BatchLine>& lines);

@@ -170,8 +170,8 @@ TEST(Report, json_text_is_json_without_minus_zero_or_nan) {
 }
 
 TEST(Report, batch_counts_and_puts_faults_first) {
-  BatchLine good{"ring-0001", ItemStatus::emitted, {}, {{"fit", 1.5}}, make_report(test::ring_record()).result_json};
-  BatchLine bad{"ring-0002", ItemStatus::refused, test::refused_record().reasons, {}, make_report(test::refused_record()).result_json};
+  BatchLine good{"ring-0001", ItemStatus::emitted, {}, {{"fit", 1.5}}, {}, make_report(test::ring_record()).result_json};
+  BatchLine bad{"ring-0002", ItemStatus::refused, test::refused_record().reasons, {}, {}, make_report(test::refused_record()).result_json};
   const Json j = Json::parse(batch_json("night", {good, bad}));
   EXPECT_EQ(j.at("items").size(), 2u);
   EXPECT_EQ(j.at("emitted"), 1);
@@ -188,9 +188,9 @@ TEST(Report, pages_to_look_at) {
   const auto write = [&](const char* name, const std::string& text) { std::ofstream(std::string(folder) + "/" + name, std::ios::binary) << text; };
   write("emitted.html", make_report(test::ring_record()).report_html);
   write("refused.html", make_report(test::refused_record()).report_html);
-  BatchLine good{"ring-0001", ItemStatus::emitted, {}, {{"fit", 1.5}}, make_report(test::ring_record()).result_json};
-  BatchLine bad{"ring-0002", ItemStatus::refused, test::refused_record().reasons, {}, make_report(test::refused_record()).result_json};
-  BatchLine worse{"ring-0003", ItemStatus::failed, {{.code = "failed.signal", .message = "the item's process was ended in stage fit by signal 11 (Segmentation fault); the other items went on", .stage = "fit"}}, {}, ""};
+  BatchLine good{"ring-0001", ItemStatus::emitted, {}, {{"fit", 1.5}}, {}, make_report(test::ring_record()).result_json};
+  BatchLine bad{"ring-0002", ItemStatus::refused, test::refused_record().reasons, {}, {}, make_report(test::refused_record()).result_json};
+  BatchLine worse{"ring-0003", ItemStatus::failed, {{.code = "failed.signal", .message = "the item's process was ended in stage fit by signal 11 (Segmentation fault); the other items went on", .stage = "fit"}}, {}, {}, ""};
   write("index.html", index_html("night-2026-11-22", {good, bad, worse}));
 }
 
