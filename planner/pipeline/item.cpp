@@ -2,6 +2,8 @@
 // One item, all stages, one straight line. Each stage is handed the artefacts before it and nothing else.
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include "planner/burr/burr.hpp"
 #include "planner/fit/fit.hpp"
 #include "planner/fuse/fuse.hpp"
@@ -50,7 +52,9 @@ Result<Done<Posted>> write_and_read_back(const Post& post, const Program& progra
     return refuse_all(std::move(why));
   }
   posted.read_back = std::move(*read_back);
-  const Verdict same = compare_programs(program, posted.read_back, post.position_step_mm, post.angle_step_rad, post.speed_step_mm_s);
+  double angle_step_rad = post.angle_step_rad;  // the last printed digit of an orientation or of a joint, whichever is coarser
+  for (const double step : post.joint_step_rad(context)) angle_step_rad = std::max(angle_step_rad, step);
+  const Verdict same = compare_programs(program, posted.read_back, post.position_step_mm, angle_step_rad, post.speed_step_mm_s);
   must(!same.checks.empty(), "the comparison of planned and read-back program made no check");
   posted.checks.insert(posted.checks.end(), same.checks.begin(), same.checks.end());
   return Done<Posted>{std::move(posted), {}};

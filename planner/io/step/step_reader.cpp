@@ -2,6 +2,7 @@
 #include "planner/io/step/step_reader.hpp"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 
 #include "planner/io/step/classify.hpp"
@@ -122,12 +123,18 @@ double diagonal_of(const Body& body) {
 }  // namespace
 
 Result<Done<Brep>> read_step(std::string_view bytes, const std::string& name, const StepOptions& options) {
+  auto lap = [last = std::chrono::steady_clock::now()]() mutable {
+    const auto before = std::exchange(last, std::chrono::steady_clock::now());
+    return std::chrono::duration<double>(last - before).count();
+  };
+  StepTiming timing;
   p21::File file;
   if (const auto failure = p21::parse(bytes, file))
     return refuse({.code = failure->code,
                    .where = name + ":" + std::to_string(failure->line),
                    .message = failure->what + "; export the part again as STEP AP214 or AP242",
                    .stage = "input"});
+  timing.parse_s = lap();
   Done<Brep> done;
   Brep& out = done.artefact;
   for (std::size_t k = 0; k < file.schema.size(); ++k) out.schema += (k ? ", " : "") + file.schema[k];
@@ -164,13 +171,16 @@ Result<Done<Brep>> read_step(std::string_view bytes, const std::string& name, co
   tolerance.chord_mm = options.chord_mm > 0 ? options.chord_mm : std::clamp(1e-4 * diagonal, 0.001, 0.02);
   tolerance.angle_rad = options.angle_rad > 0 ? options.angle_rad : 0.1745;
 
+  timing.topology_s = lap();
   for (auto& [id, body] : bodies) {
     BodyMesh mesh;
     if (options.want_mesh) {
       mesh = tessellate(body, tolerance);
       orient_shells(body, mesh, done.notes, name);
     }
+    timing.mesh_s += lap();
     const std::vector<BrepEdge> edges = classify_edges(body, 1.0, rad_from_deg(10));
+    timing.topology_s += lap();
     for (const BodyUse& use : model.bodies)
       if (use.body == id) place(body, mesh, edges, use.T_root_body, out);
   }
@@ -180,6 +190,8 @@ Result<Done<Brep>> read_step(std::string_view bytes, const std::string& name, co
   for (const Vec3& v : out.mesh.vertices) out.box.extend(v);
   out.chord_max_mm = tolerance.chord_mm;
   out.open_edges_count = count_open_edges(out.mesh.triangles);
+  timing.mesh_s += lap();
+  if (options.timing) *options.timing = timing;
   return done;
 }
 

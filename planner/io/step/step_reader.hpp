@@ -10,10 +10,14 @@
 
 namespace asbuilt {
 
+struct StepTiming {  // s, of one call
+  double parse_s = 0, topology_s = 0, mesh_s = 0;
+};
 struct StepOptions {
   double chord_mm = 0;       // 0: 1e-4 of the diagonal, at most 0.02 mm, at least 0.001 mm
   double angle_rad = 0.1745; // largest turn of the normal between neighbouring points
   bool want_mesh = true;
+  StepTiming* timing = nullptr;      // filled where given
 };
 
 /// Reads the bytes of a STEP file into one B-rep in the frame of the file's root, mm.
