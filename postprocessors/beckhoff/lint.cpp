@@ -93,6 +93,7 @@ struct Linter {
     if (code.find('#') != std::string_view::npos) f.add("B-03", line, "a # command must stand alone in its block");
     if (code.find('$') != std::string_view::npos || code.find("V.") != std::string_view::npos) f.add("B-11", line, "variables and control flow are not used here");
     const auto t = tokens_of(code);
+    if (t.size() > 1 && t[0].text.size() > 1 && t[0].text[0] == 'P' && t[1].is("=")) return f.add("B-11", line, "a parameter");
     if (t.size() == 2 && (t[0].is("LL") || t[0].is("L"))) {
       if (t[0].is("LL")) called.insert(t[1].text);
       return;
@@ -123,10 +124,15 @@ struct Linter {
     const auto t = tokens_of(code);
     const std::string& name = t[0].text;
     if (is_hsc && (name == "#TRAFO" || name == "#CS" || name == "#FLUSH" || name == "#CHANNEL")) f.add("B-03", line, name + " inside #HSC");
-    std::vector<Word> tail;
-    const std::size_t close = code.rfind(']');
-    if (close != std::string_view::npos && close + 1 < code.size() && words_of(code.substr(close + 1), tail) && !tail.empty())
-      f.add("B-03", line, "a # command must stand alone in its block");
+    static const std::set<std::string> own = {"ON", "OFF", "ALL", "DEF", "ADD", "ID", "MODE", "WAIT", "INIT", "ANGLE", "VECTOR", "BEGIN", "END"};
+    int depth = 0;
+    for (std::size_t i = 1; i < t.size(); ++i) {
+      depth += t[i].is("[") ? 1 : t[i].is("]") ? -1 : 0;
+      if (depth == 0 && !t[i].is("]") && !own.count(t[i].text)) {
+        f.add("B-03", line, "a # command must stand alone in its block");
+        break;
+      }
+    }
     if (name == "#TRAFO") {
       if (find(t, "OFF") != std::string::npos && is_cs) f.add("B-03", line, "#TRAFO OFF inside #CS");
       on_off(line, t, is_trafo, "#TRAFO");

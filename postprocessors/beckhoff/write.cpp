@@ -60,7 +60,10 @@ Angles nearest_words(const Mat3& R, BeckhoffOrientation mode, const std::optiona
     if (sum < best_sum - 1e-6) best_sum = sum, best = w;
     if (!before) break;  // the first block takes the principal values
   }
-  for (double& v : best) v = rounded(v, kDeg);
+  for (double& v : best) {
+    v = rounded(v, kDeg);
+    if (!before && v <= -180.0) v = 180.0;
+  }
   return best;
 }
 

@@ -1,0 +1,18 @@
+%LONG_TEXT
+; item a-very-long-item-name-with-many-parts-000000000000000001
+; inputs sha256 0123456789abcdef0123456789abcdef0123456789abcdef0123456789abcdef
+N10 G90 G71 G94 G17
+N20 #CS OFF ALL
+N30 #TRAFO OFF
+N40 #KIN ID [45]
+N50 T1 D1
+N60 #CS DEF [1][1000.000,200.000,500.000,0.0000,0.0000,90.0000]
+N70 G01 X0.0000 Y-100.0000 Z100.0000 A0.0000 B90.0000 C0.0000 F2070.00
+N80 #TRAFO ON
+N90 #CS ON [1]
+N100 G01 X0.000 Y0.000 Z50.000 A0.0000 B0.0000 C180.0000 F6000.00
+; a remark of a hundred and more characters, as item names, hashes and reasons for an override are, with words that do not end where a line ends
+N110 #CS OFF
+N120 #TRAFO OFF
+N130 G01 X0.0000 Y-100.0000 Z100.0000 A0.0000 B90.0000 C0.0000 F2070.00
+N140 M30

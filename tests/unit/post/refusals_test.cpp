@@ -1,0 +1,171 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// What a post must not write: every post.* refusal has a program or a machine file that provokes it.
+#include <gtest/gtest.h>
+
+#include <functional>
+#include <limits>
+
+#include "tests/support/post_programs.hpp"
+
+namespace asbuilt {
+namespace {
+
+using namespace support;
+
+struct Case {
+  const char* name;
+  const char* code;
+  const char* where;  // a part of Refusal::where
+  std::vector<Language> languages;
+  std::function<void(Program&, PostContext&)> spoil;
+};
+
+const std::vector<Language> kAll = {Language::krl, Language::inform, Language::beckhoff};
+
+template <class T>
+T& first(Program& p) {
+  for (Instruction& i : p.instructions)
+    if (auto* m = std::get_if<T>(&i)) return *m;
+  throw Bug("no such instruction");
+}
+
+const Case kCases[] = {
+    {"no_pulses", "post.missing_value", "controller.inform.pulses_per_degree", {Language::inform},
+     [](Program&, PostContext& c) { c.cell.controller.pulses_per_degree.reset(); }},
+    {"zero_pulses", "post.missing_value", "pulses_per_degree[2]", {Language::inform},
+     [](Program&, PostContext& c) { (*c.cell.controller.pulses_per_degree)[2] = 0; }},
+    {"no_speed_unit", "post.missing_value", "controller.inform.speed_unit", {Language::inform},
+     [](Program&, PostContext& c) { c.cell.controller.speed_unit.reset(); }},
+    {"no_orientation", "post.missing_value", "controller.beckhoff.orientation", {Language::beckhoff},
+     [](Program&, PostContext& c) { c.cell.controller.orientation.reset(); }},
+    {"no_kinematic_id", "post.missing_value", "controller.beckhoff.kinematic_id", {Language::beckhoff},
+     [](Program&, PostContext& c) { c.cell.controller.kinematic_id.reset(); }},
+    {"no_joint_speed", "post.missing_value", "robot.joints", {Language::beckhoff},
+     [](Program&, PostContext& c) { c.cell.robot.joints[3].speed_rad_s = 0; }},
+    {"no_m_function", "post.missing_value", "controller.beckhoff.output.9", {Language::beckhoff},
+     [](Program& p, PostContext&) { p.instructions.insert(p.instructions.begin() + 3, SetOutput{9, true}); }},
+    {"no_spindle_output", "post.missing_value", "spindle.output", {Language::krl, Language::inform},
+     [](Program&, PostContext& c) { c.cell.tools[0].spindle.output = 0; }},
+    {"no_spindle_analog", "post.missing_value", "spindle.analog", {Language::krl, Language::inform},
+     [](Program&, PostContext& c) { c.cell.tools[0].spindle.analog = 0; }},
+    {"long_name", "post.name", "", {Language::krl, Language::inform, Language::beckhoff}, [](Program& p, PostContext&) { p.name = std::string(80, 'A'); }},
+    {"odd_name", "post.name", "", kAll, [](Program& p, PostContext&) { p.name = "PART-1"; }},
+    {"digit_name", "post.name", "", kAll, [](Program& p, PostContext&) { p.name = "1PART"; }},
+    {"old_inform_name", "post.name", "", {Language::inform},
+     [](Program& p, PostContext& c) { p.name = "PARTNUMBER", c.cell.controller.options["inform.name_length"] = "8"; }},
+    {"umlaut", "post.not_ascii", "", kAll, [](Program& p, PostContext&) { p.header.push_back("Gr\xc3\xb6\xc3\x9f" "e"); }},
+    {"umlaut_in_comment", "post.not_ascii", "", kAll, [](Program& p, PostContext&) { p.instructions.insert(p.instructions.begin() + 3, Comment{"\xe4"}); }},
+    {"line_end_in_comment", "post.not_ascii", "", kAll,
+     [](Program& p, PostContext&) { p.instructions.insert(p.instructions.begin() + 3, Comment{"a\r\nPTP {A1 90}"}); }},
+    {"no_home", "post.order", "instruction", kAll, [](Program& p, PostContext&) { p.instructions.erase(p.instructions.begin() + 2, p.instructions.begin() + 4); }},
+    {"no_tool", "post.order", "instruction 2", kAll, [](Program& p, PostContext&) { p.instructions.erase(p.instructions.begin()); }},
+    {"no_frame", "post.order", "", kAll, [](Program& p, PostContext&) { p.instructions.erase(p.instructions.begin() + 1); }},
+    {"spindle_left_on", "post.order", "", kAll, [](Program& p, PostContext&) { p.instructions.emplace_back(SpindleOn{1000}); }},
+    {"nothing_moves", "post.order", "", kAll, [](Program& p, PostContext&) { p.instructions.resize(2); }},
+    {"not_a_number", "post.not_finite", "", kAll, [](Program& p, PostContext&) { first<MoveLinear>(p).T_base_tool.p_mm.x() = std::numeric_limits<double>::quiet_NaN(); }},
+    {"no_unit_quaternion", "post.not_finite", "", kAll, [](Program& p, PostContext&) { first<MoveLinear>(p).T_base_tool.q.coeffs() *= 1.1; }},
+    {"joint_not_a_number", "post.not_finite", "", kAll, [](Program& p, PostContext&) { first<MoveJoint>(p).q_rad[3] = std::numeric_limits<double>::infinity(); }},
+    {"joint_beyond_limit", "post.joint_limit", "", kAll, [](Program& p, PostContext&) { first<MoveJoint>(p).q_rad[4] = 2.5; }},
+    {"no_speed", "post.speed", "", kAll, [](Program& p, PostContext&) { first<MoveLinear>(p).speed_mm_s = 0; }},
+    {"negative_speed", "post.speed", "", kAll, [](Program& p, PostContext&) { first<MoveLinear>(p).speed_mm_s = -5; }},
+    {"far_too_fast", "post.speed", "", kAll, [](Program& p, PostContext&) { first<MoveLinear>(p).speed_mm_s = 5000; }},
+    {"joint_speed_zero", "post.joint_speed", "", kAll, [](Program& p, PostContext&) { first<MoveJoint>(p).speed_ratio = 0; }},
+    {"joint_speed_above_all", "post.joint_speed", "", kAll, [](Program& p, PostContext&) { first<MoveJoint>(p).speed_ratio = 1.2; }},
+    {"spindle_too_fast", "post.spindle", "", kAll, [](Program& p, PostContext&) { first<SpindleOn>(p).rpm = 99000; }},
+    {"output_of_the_spindle", "post.output", "", kAll, [](Program& p, PostContext&) { p.instructions.insert(p.instructions.begin() + 3, SetOutput{5, true}); }},
+    {"output_zero", "post.output", "", kAll, [](Program& p, PostContext&) { p.instructions.insert(p.instructions.begin() + 3, SetOutput{0, true}); }},
+    {"long_wait", "post.wait", "", kAll, [](Program& p, PostContext&) { p.instructions.insert(p.instructions.begin() + 3, Wait{5000}); }},
+    {"unknown_tool", "post.tool", "", kAll, [](Program& p, PostContext&) { first<SetTool>(p).number = 8; }},
+    {"another_calibration", "post.tool", "", kAll, [](Program&, PostContext& c) { c.cell.tools[0].T_flange_tool.p_mm.z() += 0.01; }},
+    {"krl_tool_number", "post.tool", "tools[cone-90].number", {Language::krl},
+     [](Program& p, PostContext& c) { c.cell.tools[0].number = 17, first<SetTool>(p).number = 17; }},
+    {"option_no_number", "post.option", "controller.krl.max_lines", {Language::krl}, [](Program&, PostContext& c) { c.cell.controller.options["krl.max_lines"] = "many"; }},
+    {"option_flip", "post.option", "controller.inform.flip", {Language::inform}, [](Program&, PostContext& c) { c.cell.controller.options["inform.flip"] = "maybe"; }},
+    {"option_m_functions", "post.option", "controller.beckhoff.output.7", {Language::beckhoff},
+     [](Program& p, PostContext& c) {
+       c.cell.controller.options["beckhoff.output.7"] = "3 5";
+       p.instructions.insert(p.instructions.begin() + 3, SetOutput{7, true});
+     }},
+    {"no_date", "post.date", "", {Language::inform}, [](Program&, PostContext& c) { c.date = "yesterday"; }},
+    {"two_user_frames", "post.frames", "", {Language::inform},
+     [](Program& p, PostContext& c) {
+       c.cell.controller.options["inform.user_frame"] = "2";
+       p.instructions.insert(p.instructions.begin() + 3, SetFrame{{Eigen::Quaterniond::Identity(), Vec3(1, 2, 3)}});
+     }},
+    {"arc_after_joint_move", "post.arc", "", kAll,
+     [](Program& p, PostContext&) {
+       const auto T = first<MoveLinear>(p).T_base_tool;
+       p.instructions.insert(p.instructions.begin() + 3, MoveCircular{T, T, 10, true, 0});
+     }},
+    {"arc_in_no_plane", "post.arc_plane", "", {Language::beckhoff},
+     [](Program& p, PostContext&) {
+       for (std::size_t i = 0; i < p.instructions.size(); ++i)
+         if (auto* m = std::get_if<MoveLinear>(&p.instructions[i])) {
+           m->is_exact = true;
+           auto via = m->T_base_tool, end = m->T_base_tool;
+           via.p_mm += Vec3(10, 3, 2), end.p_mm += Vec3(20, -1, 7);
+           p.instructions.insert(p.instructions.begin() + static_cast<long>(i) + 1, MoveCircular{via, end, 10, true, 0});
+           return;
+         }
+     }},
+};
+
+TEST(PostRefusals, every_case_is_refused_by_its_code) {
+  for (const Case& k : kCases) {
+    for (Language language : k.languages) {
+      PostContext context = post_context();
+      Program p = random_program(5, {.sections = 1, .points = 5, .has_arcs = false, .has_events = false, .has_two_tools = false, .has_new_frames = false});
+      k.spoil(p, context);
+      const auto text = find_post(language)->write(p, context);
+      ASSERT_FALSE(text) << k.name << " " << name_of(language) << "\n" << text->files[0].bytes;
+      bool has_code = false;
+      for (const Refusal& r : text.error()) {
+        has_code |= r.code == k.code && r.where.find(k.where) != std::string::npos;
+        EXPECT_EQ(r.stage, "post");
+        EXPECT_FALSE(r.message.empty());
+      }
+      EXPECT_TRUE(has_code) << k.name << " " << name_of(language) << "\n" << text_of(text.error());
+    }
+  }
+}
+
+TEST(PostRefusals, a_wait_in_a_rounded_corner) {
+  PostContext context = post_context();
+  Program p = random_program(5, {.sections = 1, .points = 1, .has_arcs = false, .has_events = false});
+  for (std::size_t i = 0; i < p.instructions.size(); ++i)
+    if (auto* m = std::get_if<MoveLinear>(&p.instructions[i])) {
+      m->is_exact = false, m->blend_mm = 1;
+      p.instructions.insert(p.instructions.begin() + static_cast<long>(i) + 1, Wait{1});
+      break;
+    }
+  for (const Post& post : posts()) {
+    const auto text = post.write(p, context);
+    ASSERT_FALSE(text);
+    EXPECT_EQ(text.error().front().code, "post.wait");
+  }
+}
+
+TEST(PostRefusals, a_job_that_cannot_be_cut) {
+  const PostContext context = post_context();
+  Program p = random_program(5, {.sections = 1, .points = 1, .has_arcs = false, .has_events = false});
+  std::size_t at = 0;
+  while (!std::holds_alternative<MoveLinear>(p.instructions[at])) ++at;
+  const Instruction line = p.instructions[at];
+  p.instructions.insert(p.instructions.begin() + static_cast<long>(at), 100001, line);
+  const auto text = find_post(Language::inform)->write(p, context);
+  ASSERT_FALSE(text);
+  EXPECT_EQ(text.error().front().code, "post.too_long");
+}
+
+TEST(PostRefusals, a_split_name_that_grows_too_long) {
+  PostContext context = post_context();
+  context.cell.controller.options["krl.max_lines"] = "50";
+  Program p = random_program(5, {.sections = 20});
+  p.name = "A_NAME_OF_24_CHARACTERS_";
+  const auto text = find_post(Language::krl)->write(p, context);
+  ASSERT_FALSE(text);
+  EXPECT_EQ(text.error().front().code, "post.name");
+}
+
+}  // namespace
+}  // namespace asbuilt
