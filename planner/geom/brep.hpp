@@ -55,6 +55,11 @@ struct BrepEdge {
   }
 };
 
+/// Kind from the outward normals along an edge, with the walk of face_1. The kind is what the edge is at its sharpest (98 % of its
+/// length), the dihedral angle the median along the length.
+EdgeKind edge_kind(const std::vector<double>& s_mm, const std::vector<Vec3>& tangent, const std::vector<Vec3>& n_1,
+                   const std::vector<Vec3>& n_2, double& dihedral_rad);
+
 struct Unread {  // something the file uses and we do not know
   std::string entity;
   int line = 0;

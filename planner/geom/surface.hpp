@@ -13,6 +13,8 @@
 
 namespace asbuilt {
 
+class MeshQuery;
+
 struct PlaneSurface {  // normal = at.z
   Placement at;
   template <class S, class A>
@@ -92,6 +94,7 @@ struct OffsetSurface {
 /// A patch of triangles (a part given as a mesh); u = triangle index, v unused.
 struct FacetSurface {
   std::shared_ptr<Mesh> patch;
+  std::shared_ptr<const MeshQuery> query;  // over the patch, for speed; may be absent (all triangles are tried then)
   template <class S, class A>
   static void visit(S& s, A&& a) {
     a("patch", s.patch);

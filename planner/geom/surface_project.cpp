@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "planner/geom/bspline.hpp"
+#include "planner/geom/mesh_query.hpp"
 #include "planner/geom/surface.hpp"
 
 namespace asbuilt {
@@ -295,6 +296,13 @@ SurfaceFoot project(const Surface& s, const Vec3& p, const std::optional<Vec2>& 
     if (!f->patch) return o;
     double best = 1e300;
     const Mesh& m = *f->patch;
+    if (f->query) {
+      const MeshHit hit = f->query->closest(p);
+      o.p = hit.p_mm, o.u = hit.triangle;
+      if (hit.triangle >= 0) o.n = m.triangle_normal(hit.triangle);
+      o.signed_distance_mm = o.n.dot(p - o.p);
+      return o;
+    }
     for (size_t i = 0; i < m.triangles.size(); ++i) {
       const auto& t = m.triangles[i];
       const Vec3 q = nearest_on_triangle(p, m.vertices[t[0]], m.vertices[t[1]], m.vertices[t[2]]);

@@ -10,9 +10,4 @@ namespace asbuilt::step {
 /// edge is convex where (n_1 x n_2) . tangent > 0.
 std::vector<BrepEdge> classify_edges(const Body& body, double step_mm, double step_rad);
 
-/// Kind from angle and sign per sample; shared with parts given as meshes.
-/// The kind is what the edge is at its sharpest (98 % of its length), the dihedral angle the median along the length.
-EdgeKind kind_of(const std::vector<double>& s_mm, const std::vector<Vec3>& tangent, const std::vector<Vec3>& n_1,
-                 const std::vector<Vec3>& n_2, double& dihedral_rad);
-
 }  // namespace asbuilt::step
