@@ -8,6 +8,7 @@
 #include <numeric>
 #include <unordered_map>
 
+#include "planner/base/result.hpp"
 #include "planner/geom/mesh_query.hpp"
 
 namespace asbuilt {
@@ -18,7 +19,7 @@ using Triangle = std::array<int, 3>;
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 /// Vertices nearer than the tolerance become one (the first); degenerate triangles go.
-Mesh welded(const Mesh& in, double tolerance_mm) {
+Mesh welded(const Mesh& in, double tolerance_mm, std::vector<int>& kept) {
   Mesh out;
   std::vector<int> order(in.vertices.size()), to(in.vertices.size(), -1);
   std::iota(order.begin(), order.end(), 0);
@@ -45,9 +46,10 @@ Mesh welded(const Mesh& in, double tolerance_mm) {
     if (to[at(r)] < 0) to[at(r)] = static_cast<int>(out.vertices.size()), out.vertices.push_back(in.vertices[at(r)]);
     to[i] = to[at(r)];
   }
-  for (const Triangle& t : in.triangles) {
+  for (std::size_t i = 0; i < in.triangles.size(); ++i) {
+    const Triangle& t = in.triangles[i];
     const Triangle w{to[at(t[0])], to[at(t[1])], to[at(t[2])]};
-    if (w[0] != w[1] && w[1] != w[2] && w[2] != w[0]) out.triangles.push_back(w);
+    if (w[0] != w[1] && w[1] != w[2] && w[2] != w[0]) out.triangles.push_back(w), kept.push_back(static_cast<int>(i));
   }
   return out;
 }
@@ -167,9 +169,13 @@ bool fit_cylinder(const Mesh& m, const std::vector<int>& triangles, double toler
 
 class Builder {
  public:
-  Builder(const Mesh& mesh, double sharp_rad) : sharp_(sharp_rad) {
+  Builder(const Mesh& mesh, double sharp_rad, const std::vector<int>* group, const std::vector<std::string>* ids) : sharp_(sharp_rad) {
     const double diagonal = mesh.box().diagonal_mm();
-    m_ = welded(mesh, std::max(1e-6, 1e-7 * diagonal));
+    m_ = welded(mesh, std::max(1e-6, 1e-7 * diagonal), kept_);
+    if (group && ids) {
+      for (int t : kept_) group_.push_back((*group)[at(t)]);
+      ids_ = *ids;
+    }
     fit_mm_ = std::max(0.005, 1e-5 * diagonal);
     normals_.reserve(m_.triangles.size());
     for (std::size_t t = 0; t < m_.triangles.size(); ++t) normals_.push_back(m_.triangle_normal(static_cast<int>(t)));
@@ -177,7 +183,14 @@ class Builder {
   }
 
   Brep run() {
-    segment();
+    if (group_.empty()) {
+      segment();
+    } else {
+      int count = 0;
+      face_ = groups(m_, sides_, [&](int a, int b) { return group_[at(a)] == group_[at(b)]; }, count);
+      triangles_.assign(at(count), {});
+      for (std::size_t t = 0; t < face_.size(); ++t) triangles_[at(face_[t])].push_back(static_cast<int>(t));
+    }
     faces();
     edges();
     out_.mesh = m_;
@@ -245,7 +258,7 @@ class Builder {
     vertex_normal_.resize(triangles_.size());
     for (std::size_t k = 0; k < triangles_.size(); ++k) {
       BrepFace f;
-      f.id = "face_" + std::to_string(k + 1);
+      f.id = group_.empty() ? "face_" + std::to_string(k + 1) : ids_[at(group_[at(triangles_[k][0])])];
       if (!fit_plane(m_, triangles_[k], fit_mm_, f.surface) && !fit_cylinder(m_, triangles_[k], fit_mm_, f.surface, f.same_sense)) {
         auto patch = std::make_shared<Mesh>();
         std::unordered_map<int, int> to;
@@ -398,7 +411,8 @@ class Builder {
   Mesh m_;
   std::vector<Vec3> normals_;
   Sides sides_;
-  std::vector<int> smooth_, face_;
+  std::vector<int> smooth_, face_, kept_, group_;
+  std::vector<std::string> ids_;
   std::vector<std::vector<int>> triangles_;
   std::vector<std::map<int, Vec3>> vertex_normal_;
   Brep out_;
@@ -408,7 +422,13 @@ class Builder {
 
 Brep brep_from_mesh(const Mesh& mesh, double sharp_rad) {
   if (mesh.triangles.empty()) return {};
-  return Builder(mesh, sharp_rad).run();
+  return Builder(mesh, sharp_rad, nullptr, nullptr).run();
+}
+
+Brep brep_from_mesh(const Mesh& mesh, const std::vector<int>& group, const std::vector<std::string>& ids, double sharp_rad) {
+  must(group.size() == mesh.triangles.size(), "one group a triangle");
+  if (mesh.triangles.empty()) return {};
+  return Builder(mesh, sharp_rad, &group, &ids).run();
 }
 
 }  // namespace asbuilt

@@ -15,4 +15,8 @@ namespace asbuilt {
 /// Face ids are "face_1", .., edge ids "edge_1", ..; volume is that of the closed mesh.
 Brep brep_from_mesh(const Mesh& mesh, double sharp_rad = 0.5235987755982988);
 
+/// The same where the faces are given: group[t] is the index into `ids` of triangle t. A group that falls apart becomes several faces.
+Brep brep_from_mesh(const Mesh& mesh, const std::vector<int>& group, const std::vector<std::string>& ids,
+                    double sharp_rad = 0.5235987755982988);
+
 }  // namespace asbuilt

@@ -14,6 +14,8 @@ struct LiftedPoint {
   Vec2 uv_mid = Vec2::Zero();
   bool has_mid = false;
   Vec3 p_mid = Vec3::Zero();
+  int edge = -1;
+  double t_a = 0, t_b = 0;
 };
 using Lifted = std::vector<LiftedPoint>;
 
@@ -32,6 +34,7 @@ Lifted loop_points(const Body& body, const TopoLoop& loop, bool is_reversed, con
       LiftedPoint q;
       q.vertex = e.vertex[a];
       q.p = vertices[static_cast<std::size_t>(q.vertex)];
+      q.edge = u.edge, q.t_a = e.t[a], q.t_b = e.t[b];
       if (!is_line) q.has_mid = true, q.p_mid = evaluate(e.curve, 0.5 * (e.t[a] + e.t[b])).p;
       out.push_back(q);
     }
@@ -104,7 +107,6 @@ class Lifter {
         pole = here;
         q.uv = *seed;
         q.uv[here->axis] = here->value;
-        if (q.has_mid) {}
         out.push_back(q);
         seed = q.uv;
         continue;
@@ -128,12 +130,13 @@ class Lifter {
         }
         // The pole seen from the next point; the piece along the border gets steps of its own.
         const LiftedPoint at_pole = out.back();
-        out.back().has_mid = false;
+        out.back().has_mid = false, out.back().edge = -1;
         const int steps = period > 0 ? std::max(1, static_cast<int>(std::ceil(std::abs(uv[a] - (*seed)[a]) / (period / 24)))) : 8;
         for (int k = 1; k <= steps; ++k) {
           LiftedPoint r = at_pole;
           r.uv[a] = (*seed)[a] + (uv[a] - (*seed)[a]) * k / steps;
           r.has_mid = k == steps && at_pole.has_mid;
+          r.edge = k == steps ? at_pole.edge : -1;
           out.push_back(r);
         }
         pole = nullptr;
@@ -225,7 +228,7 @@ Lifted unrolled(const Lifted& l, std::size_t k, double turn) {
     if (k + i >= l.size()) p.uv.x() += turn, p.uv_mid.x() += turn;
     out.push_back(p);
   }
-  out.back().has_mid = false;
+  out.back().has_mid = false, out.back().edge = -1;
   return out;
 }
 
@@ -281,7 +284,7 @@ struct Builder {
   void push(std::vector<Lifted>& loops) {
     for (const Lifted& l : loops) {
       ChartLoop c;
-      for (const LiftedPoint& p : l) c.push_back({p.uv, p.vertex, p.uv_mid, p.has_mid});
+      for (const LiftedPoint& p : l) c.push_back({p.uv, p.vertex, p.uv_mid, p.has_mid, p.edge, p.t_a, p.t_b});
       out.loops.push_back(std::move(c));
     }
   }

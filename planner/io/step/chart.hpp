@@ -16,6 +16,8 @@ struct ChartPoint {
   int vertex = -1;             // mesh vertex
   Vec2 q_mid = Vec2::Zero();   // chart image of the middle of the edge piece that starts here
   bool has_mid = false;        // false: the piece is straight in the chart
+  int edge = -1;               // the edge the piece is of, with its parameters; -1: a generated cut
+  double t_a = 0, t_b = 0;
 };
 using ChartLoop = std::vector<ChartPoint>;
 

@@ -113,6 +113,14 @@ void sample_edges(Body& body, const Tolerance& tol, std::vector<Vec3>& vertices)
   for (const TopoVertex& v : body.vertices) vertices.push_back(v.p);
   for (TopoEdge& e : body.edges) {
     e.t = sample_curve(e.curve, e.t0, e.t1, tol, e.is_closed ? 4 : 1);
+    if (!e.t_extra.empty()) {
+      e.t.insert(e.t.end(), e.t_extra.begin(), e.t_extra.end());
+      std::sort(e.t.begin(), e.t.end());
+      const double gap = 1e-9 * std::abs(e.t1 - e.t0);
+      e.t.erase(std::unique(e.t.begin(), e.t.end(), [&](double a, double b) { return b - a <= gap; }), e.t.end());
+      if (e.t1 < e.t0) std::reverse(e.t.begin(), e.t.end());
+      e.t.front() = e.t0, e.t.back() = e.t1;
+    }
     e.vertex.assign(e.t.size(), -1);
     e.vertex.front() = e.v0, e.vertex.back() = e.v1;
     for (std::size_t i = 1; i + 1 < e.t.size(); ++i) {

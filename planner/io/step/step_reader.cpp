@@ -7,7 +7,9 @@
 
 #include "planner/io/step/classify.hpp"
 #include "planner/io/step/model.hpp"
+#include "planner/geom/mesh_brep.hpp"
 #include "planner/io/step/tessellate.hpp"
+#include "planner/io/step/tessellated.hpp"
 
 namespace asbuilt {
 namespace {
@@ -111,6 +113,41 @@ void drop_unused_vertices(Mesh& m) {
     for (int& v : t) v = to[static_cast<std::size_t>(v)];
 }
 
+/// A file whose only bodies are triangles: every triangulated face is a face, edges where faces meet.
+Result<Done<Brep>> from_triangles(Binder& binder, const Model& model, const std::string& name, Done<Brep> done) {
+  TriangleBody all;
+  const auto is_solid = [&](const BodyUse& u) { return binder.key(binder.instance(u.body)) == p21::K_TESSELLATED_SOLID; };
+  const bool has_solids = std::any_of(model.tessellated.begin(), model.tessellated.end(), is_solid);
+  int solids = 0;
+  for (const BodyUse& use : model.tessellated) {
+    if (has_solids && !is_solid(use)) continue;  // loose shells beside solids are construction
+    binder.units = use.units;
+    TriangleBody one;
+    read_triangles(binder, use.body, one, done.artefact.unread);
+    const int first = static_cast<int>(all.mesh.vertices.size()), first_id = static_cast<int>(all.ids.size());
+    for (const Vec3& v : one.mesh.vertices) all.mesh.vertices.push_back(use.T_root_body * v);
+    for (auto t : one.mesh.triangles) {
+      if (use.T_root_body.linear().determinant() < 0) std::swap(t[1], t[2]);
+      all.mesh.triangles.push_back({t[0] + first, t[1] + first, t[2] + first});
+    }
+    for (int g : one.group) all.group.push_back(g + first_id);
+    all.ids.insert(all.ids.end(), one.ids.begin(), one.ids.end());
+    solids += has_solids;
+  }
+  if (all.mesh.triangles.empty())
+    return refuse({.code = "step.no_body",
+                   .where = name + ":1",
+                   .message = "the tessellated bodies hold no triangles; export the part as a solid",
+                   .stage = "input"});
+  Brep b = brep_from_mesh(all.mesh, all.group, all.ids);
+  if (solids > 0) b.solids_count = solids, b.shells_count = 0;
+  b.schema = done.artefact.schema, b.units = done.artefact.units, b.unread = std::move(done.artefact.unread);
+  b.pmi = std::move(done.artefact.pmi);
+  done.artefact = std::move(b);
+  done.notes.push_back({Note::Level::warning, "step.tessellated", "the file holds triangles only: surfaces are fitted, not exact", name});
+  return done;
+}
+
 double diagonal_of(const Body& body) {
   Box3 box;
   for (const TopoVertex& v : body.vertices) box.extend(v.p);
@@ -158,6 +195,7 @@ Result<Done<Brep>> read_step(std::string_view bytes, const std::string& name, co
   }
   std::size_t faces = 0;
   for (const auto& [id, b] : bodies) faces += b.faces.size();
+  if (faces == 0 && !model.tessellated.empty()) return from_triangles(binder, model, name, std::move(done));
   if (faces == 0) {
     std::string what = "the file holds no body with faces";
     if (!out.unread.empty()) what += " that can be read (" + out.unread.front().why + ")";

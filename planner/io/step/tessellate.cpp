@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 #include "planner/io/step/planar_mesh.hpp"
 
@@ -142,8 +143,6 @@ class FaceMesher {
     std::vector<Vec2> q;
     std::vector<int> id;
     std::vector<std::array<int, 2>> segments;
-    double lens_sign = 1;
-    (void)lens_sign;
     std::vector<std::pair<Vec2, double>> lenses;  // chart middle, signed lens size
     double total = 0;
     for (const ChartLoop& l : f.loops) {
@@ -168,9 +167,14 @@ class FaceMesher {
       return false;
     }
     PlanarMesh planar;
-    const std::vector<int> alias = merge_equal(q, id, segments);
-    const int faults = planar.build(q, segments);
-    if (faults > 0) crossings_ = faults;
+    merge_equal(q, id, segments);
+    crossings_ = planar.build(q, segments);
+    if (crossings_ > 0 && wanted_) {
+      std::vector<const ChartPoint*> pieces;
+      for (const ChartLoop& l : f.loops)
+        for (const ChartPoint& p : l) pieces.push_back(&p);
+      if (want_samples(q, segments, pieces)) return true;  // this round's triangles are thrown away
+    }
     const auto vertex_of = [&](int k) -> int {
       if (static_cast<std::size_t>(k) < id.size()) return id[static_cast<std::size_t>(k)];
       return -1;
@@ -224,14 +228,57 @@ class FaceMesher {
     } else {
       for (const auto& [m, size] : lenses) add(chart, m, sign * size);
     }
-    wrong_way_ = total < 0;
     store();
-    (void)alias;
     return true;
   }
 
-  /// Nothing is merged; kept as the place where equal chart points with equal mesh vertices become one.
-  static std::vector<int> merge_equal(std::vector<Vec2>& q, std::vector<int>& id, std::vector<std::array<int, 2>>& segments) {
+  /// Pieces that cross or touch: each edge gets the feet of the other's ends as samples, so that near-parallel borders run alike.
+  bool want_samples(const std::vector<Vec2>& q, const std::vector<std::array<int, 2>>& segments, const std::vector<const ChartPoint*>& pieces) {
+    const auto side = [](const Vec2& a, const Vec2& b, const Vec2& c) { return (b - a).x() * (c - a).y() - (b - a).y() * (c - a).x(); };
+    std::vector<std::size_t> order(segments.size());
+    for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
+    const auto end = [&](std::size_t i, int k) -> const Vec2& { return q[static_cast<std::size_t>(segments[i][static_cast<std::size_t>(k)])]; };
+    const auto low = [&](std::size_t i) { return std::min(end(i, 0).x(), end(i, 1).x()); };
+    const auto high = [&](std::size_t i) { return std::max(end(i, 0).x(), end(i, 1).x()); };
+    std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return low(a) != low(b) ? low(a) < low(b) : a < b; });
+    std::size_t pairs = 0;
+    for (std::size_t x = 0; x < order.size(); ++x)
+      for (std::size_t y = x + 1; y < order.size() && low(order[y]) <= high(order[x]) && pairs < 100000; ++y) {
+        const std::size_t i = order[x], j = order[y];
+        if (std::min(end(i, 0).y(), end(i, 1).y()) > std::max(end(j, 0).y(), end(j, 1).y()) ||
+            std::min(end(j, 0).y(), end(j, 1).y()) > std::max(end(i, 0).y(), end(i, 1).y()))
+          continue;
+        int shared = 0;
+        for (int a : segments[i])
+          for (int b : segments[j]) shared += a == b;
+        if (shared > 1) continue;
+        const double d1 = side(end(i, 0), end(i, 1), end(j, 0)), d2 = side(end(i, 0), end(i, 1), end(j, 1));
+        const double d3 = side(end(j, 0), end(j, 1), end(i, 0)), d4 = side(end(j, 0), end(j, 1), end(i, 1));
+        const bool cross = d1 * d2 <= 0 && d3 * d4 <= 0;
+        if (!cross || (shared == 1 && !(d1 * d2 == 0 && d3 * d4 == 0 && d1 + d2 == 0))) continue;
+        ++pairs;
+        want(*pieces[i], *pieces[j]);
+        want(*pieces[j], *pieces[i]);
+      }
+    return wanted_count_ > 0;
+  }
+  void want(const ChartPoint& onto, const ChartPoint& from) {
+    if (onto.edge < 0 || from.edge < 0) return;
+    const TopoEdge &a = body_.edges[static_cast<std::size_t>(onto.edge)], &b = body_.edges[static_cast<std::size_t>(from.edge)];
+    const double lo = std::min(onto.t_a, onto.t_b), hi = std::max(onto.t_a, onto.t_b);
+    bool any = false;
+    for (double t : {from.t_a, from.t_b}) {
+      double s = project(a.curve, evaluate(b.curve, t).p, 0.5 * (lo + hi)).t;
+      const CurveDomain d = asbuilt::domain(a.curve);
+      if (d.is_closed) s += d.period() * std::round((0.5 * (lo + hi) - s) / d.period());
+      if (s > lo + 1e-3 * (hi - lo) && s < hi - 1e-3 * (hi - lo)) (*wanted_)[static_cast<std::size_t>(onto.edge)].push_back(s), any = true;
+    }
+    if (!any && onto.edge != from.edge) (*wanted_)[static_cast<std::size_t>(onto.edge)].push_back(0.5 * (lo + hi)), any = true;
+    wanted_count_ += any;
+  }
+
+  /// Equal chart points become one.
+  static void merge_equal(std::vector<Vec2>& q, std::vector<int>& id, std::vector<std::array<int, 2>>& segments) {
     std::vector<int> order(q.size()), alias(q.size());
     for (std::size_t i = 0; i < q.size(); ++i) order[i] = static_cast<int>(i);
     std::sort(order.begin(), order.end(), [&](int a, int b) {
@@ -251,7 +298,6 @@ class FaceMesher {
     for (std::size_t i = 0; i < q.size(); ++i) alias[i] = alias[static_cast<std::size_t>(root[i])];
     for (auto& s : segments) s = {alias[static_cast<std::size_t>(s[0])], alias[static_cast<std::size_t>(s[1])]};
     q = std::move(q2), id = std::move(id2);
-    return alias;
   }
 
   void grid(const Chart& chart, PlanarMesh& planar, const Vec2& low, const Vec2& high) const {
@@ -300,10 +346,11 @@ class FaceMesher {
   Tolerance tol_;
   BodyMesh& mesh_;
   double area_ = 0, volume_ = 0;
+  int wanted_count_ = 0;
 
  public:
   int crossings_ = 0;
-  bool wrong_way_ = false;
+  std::map<std::size_t, std::vector<double>>* wanted_ = nullptr;  // edge -> parameters; null in the last round
 };
 
 /// Best-fit plane of the border: keeps the shell closed where the exact surface could not be used.
@@ -359,7 +406,10 @@ bool flat_fallback(const Body& body, int face, BodyMesh& mesh) {
 
 }  // namespace
 
-BodyMesh tessellate(Body& body, const Tolerance& tol) {
+namespace {
+
+/// One round; `wanted` collects samples that would keep borders from crossing.
+BodyMesh tessellate_once(Body& body, const Tolerance& tol, std::map<std::size_t, std::vector<double>>* wanted) {
   BodyMesh mesh;
   sample_edges(body, tol, mesh.vertices);
   Box3 box;
@@ -371,6 +421,7 @@ BodyMesh tessellate(Body& body, const Tolerance& tol) {
     std::string why = f.fault;
     if (f.surface >= 0) {
       FaceMesher m(body, static_cast<int>(k), tol, mesh);
+      m.wanted_ = wanted;
       why.clear();
       if (m.run(why)) {
         if (m.crossings_ > 0 && f.fault.empty()) f.fault = "its border crosses itself " + std::to_string(m.crossings_) + " times";
@@ -383,6 +434,24 @@ BodyMesh tessellate(Body& body, const Tolerance& tol) {
   }
   mesh.chord_max_mm = tol.chord_mm;
   return mesh;
+}
+
+}  // namespace
+
+BodyMesh tessellate(Body& body, const Tolerance& tol) {
+  std::vector<std::string> faults;
+  for (const TopoFace& f : body.faces) faults.push_back(f.fault);
+  for (int round = 0; round < 5; ++round) {
+    std::map<std::size_t, std::vector<double>> wanted;
+    BodyMesh mesh = tessellate_once(body, tol, &wanted);
+    if (wanted.empty()) return mesh;
+    for (const auto& [edge, t] : wanted) {
+      auto& extra = body.edges[edge].t_extra;
+      extra.insert(extra.end(), t.begin(), t.end());
+    }
+    for (std::size_t k = 0; k < body.faces.size(); ++k) body.faces[k].fault = faults[k];
+  }
+  return tessellate_once(body, tol, nullptr);
 }
 
 int count_open_edges(const std::vector<std::array<int, 3>>& triangles) {

@@ -24,6 +24,7 @@ struct TopoEdge {
   double t0 = 0, t1 = 0;         // curve parameters at v0 and v1; t1 < t0 when the edge runs against the curve
   bool is_closed = false;        // v0 == v1
   std::string fault;
+  std::vector<double> t_extra;   // asked for where two borders of a face run closer than their chords
   std::vector<double> t;         // mesh samples, t.front() == t0, t.back() == t1
   std::vector<int> vertex;       // their mesh vertices
   std::vector<std::pair<int, bool>> uses;  // face, forward with respect to the outward normal of that face
