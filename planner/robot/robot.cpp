@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "planner/robot/robot.hpp"
 
-#include <Eigen/SVD>
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 
@@ -269,7 +269,9 @@ std::array<std::pair<Vec3, Vec3>, 6> Robot::axes(const JointVector& q_rad) const
 double Robot::singularity_ratio(const JointVector& q_rad) const {
   Mat6 j = jacobian(q_rad, flange_of(impl_->chain, q_rad).p);
   j.topRows<3>() /= impl_->chain.reach_mm;
-  return Eigen::JacobiSVD<Mat6>(j).singularValues()[5];
+  // Root of the smallest eigenvalue of J J^T: several times quicker than the singular values and good to 1e-8 of the largest.
+  const double least = Eigen::SelfAdjointEigenSolver<Mat6>(j * j.transpose(), Eigen::EigenvaluesOnly).eigenvalues()[0];
+  return std::sqrt(std::max(0.0, least));
 }
 
 double Robot::joint_margin_rad(const JointVector& q_rad) const {

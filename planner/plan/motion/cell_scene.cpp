@@ -11,10 +11,11 @@ std::vector<Watch> CellScene::with_flute(double flute_part_margin_mm) const {
   return w;
 }
 
-CellScene cell_scene(const Robot& robot, const Job& job, const Location& location, const ToolSpec& tool, double clearance_mm, double flute_mm) {
+CellScene cell_scene(const Robot& robot, const Job& job, const Mesh& part, const Location& location, const ToolSpec& tool, double clearance_mm,
+                     double flute_mm) {
   CellScene c{CollisionScene(robot), profile_of(tool.cutter), -1, -1, -1, {}, {}};
   std::vector<int> standing, moving;
-  c.part = c.scene.add("part", kMountBase, transformed(location.T_base_part, job.part.brep.mesh));
+  c.part = c.scene.add("part", kMountBase, transformed(location.T_base_part, part));
   standing.push_back(c.part);
   standing.push_back(c.scene.add("fixture", kMountBase, transformed(job.fixture.T_base_fixture, job.fixture.mesh_fixture)));
   for (const Obstacle& o : job.cell.obstacles) standing.push_back(c.scene.add("obstacle " + o.name, kMountBase, o.mesh_base));

@@ -25,10 +25,11 @@ struct CellScene {
   std::vector<Watch> with_flute(double flute_part_margin_mm) const;
 };
 
-/// The scene with the tool of a recipe. `clearance_mm`: everything but the flute; `flute_mm`: the flute against fixture and
+/// The scene with the tool of a recipe and the part's mesh as measured. `clearance_mm`: everything but the flute; `flute_mm`: the flute against fixture and
 /// obstacles. Pairs of the arm with itself that are nearer than the clearance at home are built that way and are left out (a
 /// note names them); bodies that both stand still are not watched.
-CellScene cell_scene(const Robot& robot, const Job& job, const Location& location, const ToolSpec& tool, double clearance_mm, double flute_mm);
+CellScene cell_scene(const Robot& robot, const Job& job, const Mesh& part, const Location& location, const ToolSpec& tool, double clearance_mm,
+                     double flute_mm);
 
 /// "tool cone-90 and fixture", for messages.
 std::string pair_name(const CellScene& cell, const Watch& watch);

@@ -151,8 +151,7 @@ Result<Done<Motion>> plan_motion(const MotionRecipe& recipe, const Job& job, con
   const JointVector home = job.cell.robot.home_rad;
   Done<Motion> done;
 
-  Job scanned = job;  // collisions are looked for on the part as it was measured
-  scanned.part.brep.mesh = scanned_part(job.part.brep.mesh, features);
+  const Mesh part = scanned_part(job.part.brep.mesh, features);  // collisions are looked for on the part as it was measured
   const double burr_mm = highest_burr_mm(burrs);
   std::map<std::string, ToolCell> cells;
   std::map<std::string, double> departures;
@@ -170,7 +169,7 @@ Result<Done<Motion>> plan_motion(const MotionRecipe& recipe, const Job& job, con
     must(process && tool, "a pass whose recipe or tool is not in the job");
     must(pass.points.size() >= 2, "a pass with fewer than two points");
     if (!cells.count(pass.tool)) {
-      ToolCell c{cell_scene(robot, scanned, location, *tool, recipe.clearance_mm, kFluteFixture_mm + job.cell.robot.accuracy.absolute.mean_mm), {}};
+      ToolCell c{cell_scene(robot, job, part, location, *tool, recipe.clearance_mm, kFluteFixture_mm + job.cell.robot.accuracy.absolute.mean_mm), {}};
       if (reference_of(pass.feature, location, features)) c.errors.emplace(robot, tool->T_flange_tool);
       done.notes.insert(done.notes.end(), c.cell.notes.begin(), c.cell.notes.end());
       cells.emplace(pass.tool, std::move(c));
