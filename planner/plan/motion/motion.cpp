@@ -69,20 +69,20 @@ const ToolPose* reference_of(const std::string& feature, const Location& locatio
   return nullptr;
 }
 
-std::vector<JointVector> emitted(const PassTask& task, const std::vector<JointVector>& q) {
+std::vector<JointVector> emitted(const std::vector<PassStation>& stations, const std::vector<JointVector>& q) {
   std::vector<JointVector> out;
   for (std::size_t i = 0; i < q.size(); ++i)
-    if (task.stations[i].is_emitted) out.push_back(q[i]);
+    if (stations[i].is_emitted) out.push_back(q[i]);
   return out;
 }
 
 /// A block goes at the slowest feed of what it is made of.
-std::vector<double> emitted_feeds(const PassTask& task, const std::vector<double>& feed_mm_s) {
+std::vector<double> emitted_feeds(const std::vector<PassStation>& stations, const std::vector<double>& feed_mm_s) {
   std::vector<double> out;
   double least = 1e9;
   for (std::size_t i = 0; i < feed_mm_s.size(); ++i) {
     least = std::min(least, feed_mm_s[i]);
-    if (!task.stations[i].is_emitted) continue;
+    if (!stations[i].is_emitted) continue;
     out.push_back(least);
     least = 1e9;
   }
@@ -172,6 +172,16 @@ Result<Done<Motion>> plan_motion(const MotionRecipe& recipe, const Job& job, con
       ToolCell c{cell_scene(robot, job, part, location, *tool, recipe.clearance_mm, kFluteFixture_mm + job.cell.robot.accuracy.absolute.mean_mm), {}};
       if (reference_of(pass.feature, location, features)) c.errors.emplace(robot, tool->T_flange_tool);
       done.notes.insert(done.notes.end(), c.cell.notes.begin(), c.cell.notes.end());
+      const std::vector<Watch> at_home = c.cell.with_flute(recipe.clearance_mm);
+      const Certificate home_is = c.cell.scene.certify(at_home, {{home}, false});
+      if (!home_is.is_free)
+        return refuse({.code = "motion.collision", .where = "robot.home",
+                       .message = pair_name(c.cell, at_home[static_cast<std::size_t>(home_is.watch)]) + " are " + text_mm(home_is.clearance_mm) +
+                                  " mm apart with the robot at home (" + text_mm(recipe.clearance_mm) + " mm are wanted); choose another home or correct the cell",
+                       .measured = home_is.clearance_mm, .limit = recipe.clearance_mm, .unit = "mm", .stage = "motion"});
+      if (robot.joint_margin_rad(home) < 0)
+        return refuse({.code = "motion.joint_limit", .where = "robot.home", .message = "home lies outside the joint limits; correct the cell file",
+                       .measured = deg_from_rad(robot.joint_margin_rad(home)), .limit = 0, .unit = "deg", .stage = "motion"});
       cells.emplace(pass.tool, std::move(c));
     }
     const ToolCell& cell = cells.at(pass.tool);
@@ -215,7 +225,7 @@ Result<Done<Motion>> plan_motion(const MotionRecipe& recipe, const Job& job, con
     const int index = static_cast<int>(k);
     assembly->joint_moves(transfer, recipe.transfer_speed_ratio);
     assembly->straight(SegmentKind::approach, index, m.approach, std::vector<double>(m.approach.size(), m.approach_speed_mm_s), m.approach_clearance_mm);
-    assembly->straight(SegmentKind::cut, index, emitted(task, m.cut), emitted_feeds(task, m.feed_mm_s), m.cut_clearance_mm);
+    assembly->straight(SegmentKind::cut, index, emitted(m.stations, m.cut), emitted_feeds(m.stations, m.feed_mm_s), m.cut_clearance_mm);
     assembly->straight(SegmentKind::retract, index, m.retract, std::vector<double>(m.retract.size(), m.approach_speed_mm_s), m.retract_clearance_mm);
     assembly->motion.singularity_min_ratio = std::min(assembly->motion.singularity_min_ratio, m.singularity_ratio);
     departures[pass.feature] = std::max(departures[pass.feature], m.departure_mm);

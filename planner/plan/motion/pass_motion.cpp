@@ -23,20 +23,20 @@ constexpr double kJointRatio = 0.8;    // of speed and acceleration limits
 struct Trouble {
   int rank = -1;
   Refusal refusal;
-  bool is_turn_blocked = false;  // what hangs on the flange meets what stands: no branch of the arm helps at this turn
   void add(int new_rank, Refusal r) {
     if (new_rank > rank) rank = new_rank, refusal = std::move(r);
   }
 };
 
 /// The approach from far to near, or the retract from near to far.
-std::optional<std::vector<JointVector>> straight_out(const PassTask& task, const PassTools& tools, const ToolPose& T, const JointVector& q) {
+std::optional<std::vector<JointVector>> straight_out(const PassTask& task, const PassTools& tools, const ToolPose& T, const Vec3& direction,
+                                                     const JointVector& q) {
   std::vector<JointVector> out{q};
   const int steps = std::max(1, static_cast<int>(std::ceil(task.approach_mm / kApproachStep_mm)));
   const auto T_tool_flange = tools.T_flange_tool.inverse();
   for (int k = 1; k <= steps; ++k) {
     ToolPose at = T;
-    at.p_mm += task.retract_base * (task.approach_mm * k / steps);
+    at.p_mm += direction * (task.approach_mm * k / steps);
     const auto next = tools.robot->inverse_near(at * T_tool_flange, out.back());
     if (!next || largest_joint_step(*next, out.back()) > kJumpLimit_rad || tools.robot->joint_margin_rad(*next) < tools.joint_margin_rad)
       return std::nullopt;
@@ -77,15 +77,16 @@ Certificate certify_straight(const PassTask& task, const CellScene& cell, std::v
 }
 
 /// Follows the candidate point by point and certifies it.
-std::optional<PassMotion> realize(const PassTask& task, const PassTools& tools, const std::vector<double>& turns, const JointVector& q_first,
-                                  Trouble& trouble) {
+Attempt realize(const PassTask& task, const PassTools& tools, const std::vector<double>& turns, const JointVector& q_first, Trouble& trouble) {
+  Attempt out;
   PassMotion m;
-  m.turn_rad = turns.front();
+  m.stations = task.stations;
   PathFault fault;
   const auto cut = follow_path(task, tools, turns, q_first, 1, fault);
   if (!cut) {
+    out.station = fault.station;
     trouble.add(fault.rank, fault.refusal);
-    return std::nullopt;
+    return out;
   }
   m.cut = *cut;
   m.joint_margin_rad = fault.joint_margin_rad, m.singularity_ratio = fault.singularity_ratio;
@@ -94,13 +95,14 @@ std::optional<PassMotion> realize(const PassTask& task, const PassTools& tools, 
   for (const PassStation& s : task.stations) tips.push_back(s.tip), m.feed_mm_s.push_back(s.feed_mm_s);
   const auto& joints = tools.robot->spec().joints;
   if (const auto slow = follow_with_joints(joints, kJointRatio, m.cut, tips, task.feed_min_mm_s, m.feed_mm_s)) {
+    out.station = slow->point;
     trouble.add(4, {.code = "motion.joint_speed",
                     .where = place(task, slow->point),
                     .message = "joint " + std::to_string(slow->joint + 1) + " can follow the path only at " + text_mm(slow->wanted_mm_s) +
                                " mm/s, below the recipe's least feed of " + text_mm(task.feed_min_mm_s) + " mm/s (" +
                                (slow->is_speed ? "speed" : "acceleration") + " limit); move the part away from the singular place or lower feed.min",
                     .measured = slow->wanted_mm_s, .limit = task.feed_min_mm_s, .unit = "mm/s", .stage = "motion"});
-    return std::nullopt;
+    return out;
   }
 
   const CellScene& cell = *tools.cell;
@@ -110,9 +112,9 @@ std::optional<PassMotion> realize(const PassTask& task, const PassTools& tools, 
   };
   const Certificate c = cell.scene.certify(cell.always, {m.cut, true});
   if (!c.is_free) {
-    trouble.is_turn_blocked = blocks_turn(cell.always[static_cast<std::size_t>(c.watch)]);
+    out.station = c.block, out.is_turn_blocked = blocks_turn(cell.always[static_cast<std::size_t>(c.watch)]);
     trouble.add(5, collision(task, cell, cell.always, c, "motion.collision", place(task, c.block), "while cutting"));
-    return std::nullopt;
+    return out;
   }
   m.cut_clearance_mm = c.clearance_mm;
 
@@ -120,24 +122,43 @@ std::optional<PassMotion> realize(const PassTask& task, const PassTools& tools, 
   std::array<double, 2> clearance{};
   for (const int end : {0, 1}) {
     const std::size_t at = end == 0 ? 0 : task.stations.size() - 1;
+    out.station = at;
     const std::string where = place(task, at);
-    const auto way = straight_out(task, tools, tool_pose(task, at, end == 0 ? turns.front() : turns.back()), end == 0 ? m.cut.front() : m.cut.back());
+    const ToolPose T = tool_pose(task, at, end == 0 ? turns.front() : turns.back());
+    // The way the path asks for, or along the tool, or between the two.
+    const Vec3 asked = task.retract_base, along = -task.stations[at].axis;
+    std::optional<std::vector<JointVector>> way;
+    Trouble no_way;
+    bool is_turn_blocked = true;
+    const std::array<Vec3, 3> directions{asked, along, (asked + along).normalized()};
+    for (std::size_t d = 0; d < directions.size() && !way; ++d) {
+      const Vec3& direction = directions[d];
+      if (d > 0 && (direction - asked).norm() < 1e-6) continue;
+      auto out_there = straight_out(task, tools, T, direction, end == 0 ? m.cut.front() : m.cut.back());
+      if (!out_there) {
+        no_way.add(0, {.code = "motion.no_approach",
+                       .where = where,
+                       .message = "the arm cannot follow the " + text_mm(task.approach_mm) + " mm " + (end == 0 ? "approach to" : "retract from") +
+                                  " this point; shorten the recipe's approach or move the part",
+                       .measured = task.approach_mm, .limit = task.approach_mm, .unit = "mm", .stage = "motion"});
+        is_turn_blocked = false;
+        continue;
+      }
+      std::vector<Watch> watches;
+      const Certificate k = certify_straight(task, cell, *out_there, watches);
+      if (k.is_free) {
+        way = std::move(out_there), clearance[end] = k.clearance_mm;
+        break;
+      }
+      is_turn_blocked = is_turn_blocked && blocks_turn(watches[static_cast<std::size_t>(k.watch)]);
+      no_way.add(1, collision(task, cell, watches, k, "motion.no_approach", where, end == 0 ? "on the approach" : "on the retract"));
+    }
     if (!way) {
-      trouble.add(6, {.code = "motion.no_approach",
-                      .where = where,
-                      .message = "the arm cannot follow the " + text_mm(task.approach_mm) + " mm " + (end == 0 ? "approach to" : "retract from") +
-                                 " this point; shorten the recipe's approach or move the part",
-                      .measured = task.approach_mm, .limit = task.approach_mm, .unit = "mm", .stage = "motion"});
-      return std::nullopt;
+      out.is_turn_blocked = is_turn_blocked;
+      trouble.add(6, no_way.refusal);
+      return out;
     }
-    std::vector<Watch> watches;
-    const Certificate k = certify_straight(task, cell, *way, watches);
-    if (!k.is_free) {
-      trouble.is_turn_blocked = blocks_turn(watches[static_cast<std::size_t>(k.watch)]);
-      trouble.add(6, collision(task, cell, watches, k, "motion.no_approach", where, end == 0 ? "on the approach" : "on the retract"));
-      return std::nullopt;
-    }
-    ways[end] = *way, clearance[end] = k.clearance_mm;
+    ways[end] = *way;
     for (const JointVector& q : *way) m.joint_margin_rad = std::min(m.joint_margin_rad, tools.robot->joint_margin_rad(q));
   }
   m.approach.assign(ways[0].rbegin(), ways[0].rend());
@@ -154,7 +175,8 @@ std::optional<PassMotion> realize(const PassTask& task, const PassTools& tools, 
   m.approach_speed_mm_s = std::max(0.1, std::floor(m.approach_speed_mm_s * 10 + 1e-6) / 10);
   const std::size_t middle = m.cut.size() / 2;
   m.departure_mm = departure_mm(task, tools, middle, m.cut[middle]);
-  return m;
+  out.motion = std::move(m);
+  return out;
 }
 
 }  // namespace
@@ -162,14 +184,14 @@ std::optional<PassMotion> realize(const PassTask& task, const PassTools& tools, 
 Result<PassMotion> plan_pass(const PassTask& task, const PassTools& tools, const JointVector& q_before,
                              const std::function<std::optional<Refusal>(const PassMotion&)>& accept) {
   Trouble trouble;
-  const auto try_one = [&](const std::vector<double>& turns, const JointVector& q_first) -> std::optional<PassMotion> {
-    auto m = realize(task, tools, turns, q_first, trouble);
-    if (!m) return std::nullopt;
-    if (auto refusal = accept(*m)) {
+  const TryPass try_one = [&](const PassTask& at, const std::vector<double>& turns, const JointVector& q_first) {
+    Attempt a = realize(at, tools, turns, q_first, trouble);
+    if (!a.motion) return a;
+    if (auto refusal = accept(*a.motion)) {
       trouble.add(7, *refusal);
-      return std::nullopt;
+      a.motion.reset(), a.station = 0, a.is_turn_blocked = false;
     }
-    return m;
+    return a;
   };
   // Turns near the reference first; the whole circle only where none of them holds.
   constexpr int kNear = 6, kAll = 36, kTriesNear = 16, kTriesAll = 72;
@@ -189,9 +211,9 @@ Result<PassMotion> plan_pass(const PassTask& task, const PassTools& tools, const
     for (const PassCandidate& c : candidates) {
       if (std::find(blocked.begin(), blocked.end(), c.turn_rad) != blocked.end()) continue;
       if (tries-- == 0) break;
-      trouble.is_turn_blocked = false;
-      if (auto m = try_one(std::vector<double>(task.stations.size(), c.turn_rad), c.q_first)) return *m;
-      if (trouble.is_turn_blocked) blocked.push_back(c.turn_rad);
+      const Attempt a = try_one(task, std::vector<double>(task.stations.size(), c.turn_rad), c.q_first);
+      if (a.motion) return *a.motion;
+      if (a.is_turn_blocked) blocked.push_back(c.turn_rad);
     }
   }
   if (auto m = search_changing_turn(task, tools, q_before, try_one)) return *m;

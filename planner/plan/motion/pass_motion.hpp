@@ -43,7 +43,7 @@ struct PassTools {
 };
 
 struct PassMotion {
-  double turn_rad = 0;
+  std::vector<PassStation> stations;                // the task's, or finer ones where the turn changes
   std::vector<JointVector> approach, cut, retract;  // ends shared
   std::vector<double> feed_mm_s;                    // of the cut, on the way TO each station
   double approach_speed_mm_s = 0;

@@ -109,7 +109,7 @@ std::optional<std::vector<JointVector>> follow_path(const PassTask& task, const 
     const double margin = q ? robot.joint_margin_rad(*q) : -1;
     if (!q || margin < tools.joint_margin_rad) {
       const PathFault why = no_solution(task, tools, i, T);
-      fault.rank = why.rank, fault.refusal = why.refusal;
+      fault.rank = why.rank, fault.refusal = why.refusal, fault.station = i;
       return std::nullopt;
     }
     fault.joint_margin_rad = std::min(fault.joint_margin_rad, margin);
@@ -120,7 +120,7 @@ std::optional<std::vector<JointVector>> follow_path(const PassTask& task, const 
       const double ratio = robot.singularity_ratio(*q);
       fault.singularity_ratio = std::min(fault.singularity_ratio, ratio);
       if (ratio < kSingularityLimit_ratio) {
-        fault.rank = 3;
+        fault.rank = 3, fault.station = i;
         fault.refusal = {.code = "motion.singular",
                          .where = place(task, i),
                          .message = "the arm is singular here at every turn of the tool: its Jacobian's smallest singular value is " +
@@ -131,7 +131,7 @@ std::optional<std::vector<JointVector>> follow_path(const PassTask& task, const 
       }
     }
     if (i > 0 && (largest_joint_step(*q, near) > kJumpLimit_rad || robot.branch(*q) != branch)) {
-      fault.rank = 2;
+      fault.rank = 2, fault.station = i;
       fault.refusal = {.code = "motion.joint_limit",
                        .where = place(task, i),
                        .message = "the arm would have to change its posture by " + fixed_number(deg_from_rad(largest_joint_step(*q, near)), 1) +
@@ -189,12 +189,6 @@ void add_candidates(const PassTask& task, const PassTools& tools, double turn_ra
     const double error = tools.errors && task.q_reference ? departure_mm(task, tools, middle, (*path)[path->size() / 2]) : kTurnWeight_mm_per_rad * std::abs(turn_rad);
     candidates.push_back({turn_rad, error + posture + kTravelWeight_mm_per_rad * largest_joint_step(q, q_before), q});
   }
-}
-
-std::optional<PassMotion> search_changing_turn(
-    const PassTask& task, const PassTools& tools, const JointVector& q_before,
-    const std::function<std::optional<PassMotion>(const std::vector<double>& turns, const JointVector& q_first)>& try_one) {
-  return std::nullopt;
 }
 
 }  // namespace asbuilt

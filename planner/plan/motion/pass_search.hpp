@@ -18,6 +18,7 @@ constexpr double kSingularityLimit_ratio = 0.02;
 /// Why a path could not be followed, how near to success that was, and what was met on the way.
 struct PathFault {
   int rank = -1;  // 0 unreachable, 1 joint limit, 2 branch lost, 3 singular
+  std::size_t station = 0;
   Refusal refusal;
   double joint_margin_rad = 1e9, singularity_ratio = 1e9;
 };
@@ -49,10 +50,16 @@ double posture_cost_mm(const Robot& robot, const JointVector& q);
 void add_candidates(const PassTask& task, const PassTools& tools, double turn_rad, const JointVector& q_before,
                     std::vector<PassCandidate>& candidates, PathFault& fault);
 
-/// Turns that change along the path, by a ladder over thinned stations; `try_one` follows and certifies, and what it turns down is
-/// forbidden for the next round.
-std::optional<PassMotion> search_changing_turn(
-    const PassTask& task, const PassTools& tools, const JointVector& q_before,
-    const std::function<std::optional<PassMotion>(const std::vector<double>& turns, const JointVector& q_first)>& try_one);
+/// What came of following and certifying one choice of turns.
+struct Attempt {
+  std::optional<PassMotion> motion;
+  std::size_t station = 0;       // where it failed
+  bool is_turn_blocked = false;  // what hangs on the flange meets what stands: no branch of the arm helps at this turn
+};
+using TryPass = std::function<Attempt(const PassTask& task, const std::vector<double>& turns, const JointVector& q_first)>;
+
+/// Turns that change along the path, by a ladder over thinned stations with turns every 10 degrees; what `try_one` turns down
+/// is forbidden for the next of at most 20 rounds. The turn changes by at most 3 degrees per mm.
+std::optional<PassMotion> search_changing_turn(const PassTask& task, const PassTools& tools, const JointVector& q_before, const TryPass& try_one);
 
 }  // namespace asbuilt

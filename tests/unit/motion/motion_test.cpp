@@ -43,7 +43,7 @@ void expect_sound(const SmallCell& c, const Motion& m) {
         EXPECT_NEAR(s.speed_mm_s[i] * 10, std::round(s.speed_mm_s[i] * 10), 1e-9);
       }
     }
-    EXPECT_GE(s.clearance_mm, 3.0 - 1e-9);
+    EXPECT_GE(s.clearance_mm, 1.42 - 1e-9);  // the cutter from fixture and obstacles; all else keeps 3 mm
   }
   EXPECT_EQ(at, c.job.cell.robot.home_rad);
 }
@@ -131,6 +131,31 @@ TEST(Motion, AnObstacleTurnsTheToolAwayAndTheCostIsTold) {
   bool is_told = false;
   for (const Note& n : m->notes) is_told |= n.code == "motion.left_reference";
   EXPECT_TRUE(is_told);
+}
+
+/// Walls such that the sensor fits on one side at the start and on another at the end: the turn has to change on the way.
+TEST(Motion, TheTurnChangesWhereNoConstantOneHolds) {
+  SmallCell c = small_cell({1000, -30, 660});
+  c.job.part.brep.mesh = test::box_mesh(Vec3::Zero(), {400, 60, 40});
+  c.job.fixture.mesh_fixture = {};
+  c.path.passes = {edge_pass({0, 0, 40}, {400, 0, 40}, Vec3::UnitY())};
+  const Vec3 o = c.location.T_base_part.point({0, 0, 40});
+  const auto wall = [&](const char* name, Vec3 lo, Vec3 hi) {
+    lo.z() = 60, hi.z() = 260;
+    c.job.cell.obstacles.push_back({name, test::box_mesh(o + lo, o + hi)});
+  };
+  wall("a", {-250, 100, 0}, {150, 110, 0});
+  wall("b", {250, -110, 0}, {650, -100, 0});
+  wall("c", {500, -300, 0}, {510, 300, 0});
+  wall("d", {-110, -300, 0}, {-100, 300, 0});
+  const auto m = plan(c);
+  ASSERT_TRUE(m.has_value()) << m.error()[0].code << ": " << m.error()[0].message;
+  expect_sound(c, m->artefact);
+  expect_on_path(c, m->artefact);
+  double turned = 0;
+  for (const MotionSegment& s : m->artefact.segments)
+    if (s.kind == SegmentKind::cut) turned = deg_from_rad(s.T_base_tool.front().q.angularDistance(s.T_base_tool.back().q));
+  EXPECT_GT(turned, 30);
 }
 
 TEST(Motion, ClearanceHoldsInADenseReplay) {

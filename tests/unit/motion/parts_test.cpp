@@ -6,6 +6,7 @@
 #include "planner/geom/mesh_query.hpp"
 #include "planner/plan/motion/cutter_profile.hpp"
 #include "planner/plan/motion/joint_feed.hpp"
+#include "planner/plan/motion/ladder.hpp"
 #include "planner/plan/motion/scanned_part.hpp"
 #include "planner/robot/free_move.hpp"
 #include "tests/unit/motion/small_cell.hpp"
@@ -85,6 +86,43 @@ TEST(JointFeed, HoldsEveryLimitAndNeverRaisesAFeed) {
         EXPECT_LE(std::abs(change) / std::max(0.02, 0.5 * (length / feed[i] + next / feed[i + 1])), 0.8 * 0.3 + 1e-6);
       }
     }
+  }
+}
+
+TEST(Ladder, AsCheapAsTheBestOfAllWays) {
+  Random random = Random::stream(53, "ladders");
+  for (int trial = 0; trial < 300; ++trial) {
+    const std::size_t rungs = 1 + random.below(5);
+    std::vector<std::vector<double>> cost(rungs);
+    for (auto& r : cost)
+      for (std::size_t k = 1 + random.below(4); k > 0; --k) r.push_back(random.uniform() < 0.1 ? INFINITY : random.uniform());
+    std::vector<std::vector<std::vector<double>>> step(rungs);
+    for (std::size_t r = 1; r < rungs; ++r)
+      for (std::size_t b = 0; b < cost[r].size(); ++b) {
+        step[r].emplace_back();
+        for (std::size_t a = 0; a < cost[r - 1].size(); ++a) step[r][b].push_back(random.uniform() < 0.3 ? INFINITY : random.uniform());
+      }
+    const auto total = [&](const std::vector<int>& way) {
+      double t = 0;
+      for (std::size_t r = 0; r < rungs; ++r) t += cost[r][way[r]] + (r > 0 ? step[r][way[r]][way[r - 1]] : 0.0);
+      return t;
+    };
+    double best = INFINITY;
+    std::vector<int> way(rungs, 0);
+    for (bool more = true; more;) {
+      best = std::min(best, total(way));
+      more = false;
+      for (std::size_t r = 0; r < rungs && !more; ++r) {
+        if (++way[r] < static_cast<int>(cost[r].size())) more = true;
+        else way[r] = 0;
+      }
+    }
+    const auto found = climb_ladder(cost, [&](std::size_t r, int node, std::vector<LadderStep>& steps) {
+      for (std::size_t a = 0; a < cost[r - 1].size(); ++a)
+        if (step[r][node][a] < INFINITY) steps.push_back({static_cast<int>(a), step[r][node][a]});
+    });
+    ASSERT_EQ(found.has_value(), best < INFINITY);
+    EXPECT_TRUE(!found || std::abs(total(*found) - best) < 1e-12);
   }
 }
 

@@ -60,6 +60,23 @@ TEST(MotionRefusals, AClampOverTheEdge) {
   EXPECT_LT(r.measured, r.limit);
 }
 
+TEST(MotionRefusals, HomeInsideAnObstacle) {
+  SmallCell c = small_cell();
+  c.job.cell.obstacles.push_back({"hall", test::box_mesh({-4000, -4000, -500}, {4000, 4000, 4000})});
+  const Refusal r = refusal_of(c);
+  EXPECT_EQ(r.code, "motion.collision");
+  EXPECT_EQ(r.where, "robot.home");
+  EXPECT_EQ(r.measured, 0);
+}
+
+TEST(MotionRefusals, HomeOutsideTheLimits) {
+  SmallCell c = small_cell();
+  c.job.cell.robot.home_rad[3] = 6;
+  const Refusal r = refusal_of(c);
+  EXPECT_EQ(r.code, "motion.joint_limit");
+  EXPECT_EQ(r.where, "robot.home");
+}
+
 TEST(MotionRefusals, ARoofOverTheApproach) {
   SmallCell c = small_cell();
   c.path.passes[0].approach_mm = 200;
