@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// What was read back against what was planned. Comments say nothing to the machine and are left out.
+#include <algorithm>
+#include <cmath>
+
+#include "planner/verify/checks.hpp"
+
+namespace asbuilt {
+
+namespace {
+
+using namespace verifying;
+
+struct Worst {
+  double position_mm = 0, angle_rad = 0, joint_rad = 0, speed_mm_s = 0, ratio = 0, rpm = 0, time_s = 0, looser_mm = 0;
+  int position_at = -1, angle_at = -1, joint_at = -1, speed_at = -1, ratio_at = -1, rpm_at = -1, time_at = -1, looser_at = -1;
+  double events = 0;
+  int events_at = -1;
+};
+
+void raise(double& worst, int& at, double value, int i) {
+  if (value > worst) worst = value, at = i;
+}
+
+template <class A, class B>
+void compare_pose(Worst& w, const Pose<A, B>& a, const Pose<A, B>& b, int i) {
+  raise(w.position_mm, w.position_at, (a.p_mm - b.p_mm).norm(), i);
+  raise(w.angle_rad, w.angle_at, quat_log(a.q.conjugate() * b.q).norm(), i);
+}
+
+void compare_blend(Worst& w, bool exact_a, double a, bool exact_b, double b, int i) {
+  // a program may stop where the plan allows rounding, never round more than planned
+  const double planned = exact_a ? 0 : a, read = exact_b ? 0 : b;
+  raise(w.looser_mm, w.looser_at, read - planned, i);
+}
+
+void compare_one(Worst& w, const Instruction& a, const Instruction& b, int i) {
+  if (const auto* x = std::get_if<SetTool>(&a)) {
+    const auto& y = std::get<SetTool>(b);
+    compare_pose(w, x->T_flange_tool, y.T_flange_tool, i);
+    raise(w.events, w.events_at, std::abs(x->number - y.number), i);
+  } else if (const auto* x = std::get_if<SetFrame>(&a)) {
+    compare_pose(w, x->T_base_work, std::get<SetFrame>(b).T_base_work, i);
+  } else if (const auto* x = std::get_if<MoveJoint>(&a)) {
+    const auto& y = std::get<MoveJoint>(b);
+    for (std::size_t k = 0; k < 6; ++k) raise(w.joint_rad, w.joint_at, std::abs(x->q_rad[k] - y.q_rad[k]), i);
+    raise(w.ratio, w.ratio_at, std::abs(x->speed_ratio - y.speed_ratio), i);
+  } else if (const auto* x = std::get_if<MoveLinear>(&a)) {
+    const auto& y = std::get<MoveLinear>(b);
+    compare_pose(w, x->T_base_tool, y.T_base_tool, i);
+    raise(w.speed_mm_s, w.speed_at, std::abs(x->speed_mm_s - y.speed_mm_s), i);
+    compare_blend(w, x->is_exact, x->blend_mm, y.is_exact, y.blend_mm, i);
+  } else if (const auto* x = std::get_if<MoveCircular>(&a)) {
+    const auto& y = std::get<MoveCircular>(b);
+    compare_pose(w, x->T_base_tool, y.T_base_tool, i);
+    raise(w.position_mm, w.position_at, (x->T_base_via.p_mm - y.T_base_via.p_mm).norm(), i);
+    raise(w.speed_mm_s, w.speed_at, std::abs(x->speed_mm_s - y.speed_mm_s), i);
+    compare_blend(w, x->is_exact, x->blend_mm, y.is_exact, y.blend_mm, i);
+  } else if (const auto* x = std::get_if<SpindleOn>(&a)) {
+    raise(w.rpm, w.rpm_at, std::abs(x->rpm - std::get<SpindleOn>(b).rpm) / std::max(1.0, x->rpm), i);
+  } else if (const auto* x = std::get_if<SetOutput>(&a)) {
+    const auto& y = std::get<SetOutput>(b);
+    raise(w.events, w.events_at, x->output != y.output || x->value != y.value ? 1 : 0, i);
+  } else if (const auto* x = std::get_if<Wait>(&a)) {
+    raise(w.time_s, w.time_at, std::abs(x->time_s - std::get<Wait>(b).time_s), i);
+  }
+}
+
+std::vector<const Instruction*> spoken(const Program& p) {
+  std::vector<const Instruction*> out;
+  for (const Instruction& i : p.instructions)
+    if (!std::holds_alternative<Comment>(i)) out.push_back(&i);
+  return out;
+}
+
+}  // namespace
+
+Verdict compare_programs(const Program& planned, const Program& read_back, double position_step_mm, double angle_step_rad, double speed_step_mm_s) {
+  Verdict v;
+  const auto a = spoken(planned), b = spoken(read_back);
+  add_check(v, "compare.count", static_cast<double>(b.size()), static_cast<double>(a.size()), "count", a.size() == b.size(), "");
+  const std::size_t n = std::min(a.size(), b.size());
+  std::size_t first = n;
+  for (std::size_t i = 0; i < n; ++i)
+    if (a[i]->index() != b[i]->index()) {
+      first = i;
+      break;
+    }
+  const bool is_same_order = first == n && a.size() == b.size();
+  add_check(v, "compare.order", is_same_order ? 0 : 1, 0, "count", is_same_order, is_same_order ? "" : "instruction " + std::to_string(first + 1));
+  Worst w;
+  for (std::size_t i = 0; i < first; ++i) compare_one(w, *a[i], *b[i], static_cast<int>(i));
+  const auto place = [](int i) { return i < 0 ? std::string() : "instruction " + std::to_string(i + 1); };
+  // half a printed step per coordinate: the length of the offset is at most root 3 / 2 of a step
+  const double position = 0.8661 * position_step_mm + 1e-6, angle = 0.8661 * angle_step_rad + 1e-9;
+  // joints are printed in degrees or pulses, never coarser than the angles
+  add_check(v, "compare.position", w.position_mm, position, "mm", w.position_mm <= position, place(w.position_at));
+  add_check(v, "compare.orientation", deg_from_rad(w.angle_rad), deg_from_rad(angle), "deg", w.angle_rad <= angle, place(w.angle_at));
+  add_check(v, "compare.joints", deg_from_rad(w.joint_rad), std::max(deg_from_rad(angle), 5.5e-4), "deg",
+            deg_from_rad(w.joint_rad) <= std::max(deg_from_rad(angle), 5.5e-4), place(w.joint_at));
+  const double speed = 0.5 * speed_step_mm_s + 1e-6;
+  add_check(v, "compare.speed", w.speed_mm_s, speed, "mm/s", w.speed_mm_s <= speed, place(w.speed_at));
+  add_check(v, "compare.joint_speed", w.ratio, 0.0051, "ratio", w.ratio <= 0.0051, place(w.ratio_at));
+  add_check(v, "compare.spindle", w.rpm, 0.002, "ratio", w.rpm <= 0.002, place(w.rpm_at));
+  add_check(v, "compare.wait", w.time_s, 0.0051, "s", w.time_s <= 0.0051, place(w.time_at));
+  add_check(v, "compare.events", w.events, 0, "count", w.events == 0, place(w.events_at));
+  add_check(v, "compare.blend", w.looser_mm, 0.051, "mm", w.looser_mm <= 0.051, place(w.looser_at));
+  v.path_error_max_mm = w.position_mm;
+  v.points_count = b.size();
+  return v;
+}
+
+}  // namespace asbuilt
