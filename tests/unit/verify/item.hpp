@@ -62,7 +62,7 @@ inline Item box_item() {
   for (int k = 0; k < static_cast<int>(item.path.passes.size()); ++k) {
     const CutPass& p = item.path.passes[static_cast<std::size_t>(k)];
     const auto at = [&](const Vec3& tip) {
-      return Pose<frame::Base, frame::Tool>(quat_from_z(w.location.T_base_part.direction(p.points.front().axis_part), Vec3::UnitX()),
+      return Pose<frame::Base, frame::Tool>(quat_from_z(w.location.T_base_part.direction(p.points.front().axis_part), Vec3(0.9, 0.4, 0)),
                                             w.location.T_base_part.point(tip));
     };
     const auto solve = [&](const Pose<frame::Base, frame::Tool>& T) {
