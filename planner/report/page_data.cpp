@@ -2,6 +2,7 @@
 #include "planner/report/page_data.hpp"
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <map>
 
@@ -152,6 +153,24 @@ std::vector<Vec3> cloud_sample(const ItemRecord& r, const Box3& box) {
   return p;
 }
 
+/// Edges the recipes work, as drawn, where none was fitted; those a reason names are marked.
+Json wanted_json(const ItemRecord& r) {
+  Json wanted = Json::array();
+  for (const FeatureSpec& f : r.job->part.features)
+    for (const int k : f.edges) {
+      if (k < 0 || static_cast<std::size_t>(k) >= r.job->part.brep.edges.size()) continue;
+      const BrepEdge& e = r.job->part.brep.edges[static_cast<std::size_t>(k)];
+      bool is_blamed = false;
+      for (const Refusal& why : r.reasons) {
+        const std::string text = why.where + " " + why.message + " ";
+        const std::size_t at = text.find(e.id);
+        is_blamed |= !e.id.empty() && at != std::string::npos && !std::isalnum(static_cast<unsigned char>(text[at + e.id.size()]));
+      }
+      wanted.push_back({{"id", e.id}, {"feature", f.id}, {"blamed", is_blamed}, {"p", flat(thinned_line(e.p, 0.02), 2)}});
+    }
+  return wanted;
+}
+
 }  // namespace
 
 std::string base64(const std::string& bytes) {
@@ -228,6 +247,7 @@ Json page_data(const ItemRecord& r) {
   j["edges"] = Json::array();
   if (r.features)
     for (std::size_t k = 0; k < r.features->edges.size(); ++k) j["edges"].push_back(edge_data(r, k));
+  if (r.job && !r.features) j["wanted"] = wanted_json(r);
   j["passes"] = Json::array();
   if (r.tool_path)
     for (const CutPass& pass : r.tool_path->passes) {

@@ -110,6 +110,7 @@ std::string view_section(const ItemRecord& r) {
   std::string html = "<section><h2>The part as it is</h2>\n<div class=\"tools\">";
   html += key("part", "part", "") + key("outline", "outline", "#7c8896");
   if (r.features) html += key("nominal", "drawing", "#3b4652") + key("adapted", "adapted edge", "linear-gradient(90deg,#266190,#4aa6a6,#f0be50,#d96224)");
+  else html += key("nominal", "edges to work (red: named in the reason)", "#2a6fb0");
   if (r.tool_path) html += key("path", "tool tip", "#7a3fa8");
   if (r.motion) html += key("approach", "approach and transfers", "#2b8a76");
   if (r.cloud) html += key("cloud", "measured points", "#1f7a8a");

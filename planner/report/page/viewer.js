@@ -7,7 +7,7 @@ function makeView(box, data, scale) {
   const centre = [0, 1, 2].map(i => (lo[i] + hi[i]) / 2);
   const diagonal = Math.hypot(hi[0] - lo[0], hi[1] - lo[1], hi[2] - lo[2]) || 1;
   const state = {yaw: -0.65, pitch: 0.62, zoom: 1, pan: [0, 0], about: centre.slice(), exaggeration: data.exaggeration || 1,
-    show: {part: true, outline: true, nominal: true, adapted: true, path: true, approach: false, cloud: false}, edge: -1, mark: null};
+    show: {part: true, outline: true, nominal: true, adapted: true, path: true, approach: false, cloud: !data.edges.length}, edge: -1, mark: null};
 
   function bytes(text) {
     const raw = atob(text), out = new Uint8Array(raw.length);
@@ -137,6 +137,10 @@ function makeView(box, data, scale) {
       ctx.globalAlpha = 1; ctx.setLineDash([]);
     }
     if (state.show.outline) for (const l of data.lines || []) line(l, 0.8, '#7c8896', 0);
+    if (state.show.nominal) for (const e of data.wanted || []) {
+      if (e.blamed) line(e.p, 8, '#ffffff', 0.3);
+      line(e.p, e.blamed ? 4.5 : 2.2, e.blamed ? '#b02a20' : '#2a6fb0', e.blamed ? 0.35 : 0.12);
+    }
     data.edges.forEach((e, k) => {
       const on = state.edge === k;
       if (state.show.nominal) line(e.nominal, 1.2, '#3b4652', 0.12, [4, 3]);
