@@ -146,5 +146,7 @@ struct SurfaceFoot {
   double signed_distance_mm = 0;             // n . (query - foot): positive on the side of the natural normal
 };
 SurfaceFoot project(const Surface& s, const Vec3& p_mm, const std::optional<Vec2>& seed_uv = std::nullopt);
+/// The same with the domain at hand: for many points on one surface.
+SurfaceFoot project(const Surface& s, const SurfaceDomain& domain, const Vec3& p_mm, const std::optional<Vec2>& seed_uv = std::nullopt);
 
 }  // namespace asbuilt

@@ -140,8 +140,7 @@ std::vector<double> knot_seeds(const std::vector<double>& knots, int degree, int
   return s;
 }
 
-Vec2 bspline_foot(const Surface& surface, const BSplineSurface& s, const Vec3& p, const std::optional<Vec2>& seed) {
-  const SurfaceDomain d = domain(surface);
+Vec2 bspline_foot(const Surface& surface, const BSplineSurface& s, const SurfaceDomain& d, const Vec3& p, const std::optional<Vec2>& seed) {
   double f = 0;
   if (seed) {
     Vec2 q = *seed;
@@ -170,6 +169,7 @@ Vec2 bspline_foot(const Surface& surface, const BSplineSurface& s, const Vec3& p
 
 struct FootOf {
   const Surface& surface;
+  const SurfaceDomain& surface_domain;
   const Vec3& p;
   const std::optional<Vec2>& seed;
 
@@ -223,7 +223,7 @@ struct FootOf {
     }
     return {nearest_turn(u, seed, 0), nearest_turn(v, seed, 1)};
   }
-  Vec2 operator()(const BSplineSurface& s) const { return bspline_foot(surface, s, p, seed); }
+  Vec2 operator()(const BSplineSurface& s) const { return bspline_foot(surface, s, surface_domain, p, seed); }
   Vec2 operator()(const RevolutionSurface& s) const {
     const CurveDomain d = domain(s.profile);
     const Vec3 q = p - s.axis_point;
@@ -261,7 +261,7 @@ struct FootOf {
             (p - evaluate(s.profile, u).p).dot(s.direction)};
   }
   Vec2 operator()(const OffsetSurface& s) const {
-    const SurfaceFoot f = project(*s.basis, p, seed);
+    const SurfaceFoot f = project(*s.basis, surface_domain, p, seed);  // the domain of an offset is that of its basis
     return {f.u, f.v};
   }
   Vec2 operator()(const FacetSurface&) const { return {0, 0}; }
@@ -291,6 +291,12 @@ Vec3 nearest_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3
 }  // namespace
 
 SurfaceFoot project(const Surface& s, const Vec3& p, const std::optional<Vec2>& seed) {
+  // Only surfaces whose borders have to be found by evaluation look at the domain.
+  const bool needs_domain = std::holds_alternative<BSplineSurface>(s.shape) || std::holds_alternative<OffsetSurface>(s.shape);
+  return project(s, needs_domain ? domain(s) : SurfaceDomain{}, p, seed);
+}
+
+SurfaceFoot project(const Surface& s, const SurfaceDomain& surface_domain, const Vec3& p, const std::optional<Vec2>& seed) {
   SurfaceFoot o;
   if (const auto* f = std::get_if<FacetSurface>(&s.shape)) {
     if (!f->patch) return o;
@@ -311,11 +317,11 @@ SurfaceFoot project(const Surface& s, const Vec3& p, const std::optional<Vec2>& 
     }
     if (!m.triangles.empty()) o.n = m.triangle_normal(static_cast<int>(o.u));
   } else {
-    const Vec2 q = std::visit(FootOf{s, p, seed}, s.shape);
+    const Vec2 q = std::visit(FootOf{s, surface_domain, p, seed}, s.shape);
     double u = q.x(), v = q.y();
     o.u = u, o.v = v;
     if (std::holds_alternative<BSplineSurface>(s.shape) || std::holds_alternative<OffsetSurface>(s.shape)) {
-      const SurfaceDomain d = domain(s);
+      const SurfaceDomain& d = surface_domain;
       if (d.is_periodic_u && d.u1 > d.u0) u -= (d.u1 - d.u0) * std::floor((u - d.u0) / (d.u1 - d.u0));
       if (d.is_periodic_v && d.v1 > d.v0) v -= (d.v1 - d.v0) * std::floor((v - d.v0) / (d.v1 - d.v0));
     }

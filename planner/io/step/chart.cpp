@@ -170,10 +170,10 @@ class Lifter {
     return uv;
   }
   Vec2 raw(const Vec3& p, const std::optional<Vec2>& seed) {
-    SurfaceFoot f = project(s_, p, seed);
+    SurfaceFoot f = project(s_, d_, p, seed);
     double off = std::abs((f.p - p).norm());
     if (seed && off > 1e-3 && s_.shape.index() >= 5) {
-      const SurfaceFoot g = project(s_, p);
+      const SurfaceFoot g = project(s_, d_, p);
       if ((g.p - p).norm() < 0.5 * off) f = g, off = (g.p - p).norm();
     }
     worst_mm = std::max(worst_mm, off);

@@ -13,6 +13,7 @@ void normals_along(const Body& body, int face, const std::vector<Vec3>& p, std::
   out.assign(p.size(), Vec3::Zero());
   if (f.surface < 0) return;
   const Surface& s = body.surfaces[static_cast<std::size_t>(f.surface)];
+  const SurfaceDomain& d = body.domains[static_cast<std::size_t>(f.surface)];
   const double sign = f.same_sense ? 1 : -1;
   if (const auto* plane = std::get_if<PlaneSurface>(&s.shape)) {
     for (std::size_t i = 0; i < p.size(); ++i) out[i] = sign * plane->at.z;
@@ -21,9 +22,9 @@ void normals_along(const Body& body, int face, const std::vector<Vec3>& p, std::
   }
   std::optional<Vec2> seed;
   for (std::size_t i = 0; i < p.size(); ++i) {
-    SurfaceFoot g = project(s, p[i], seed);
+    SurfaceFoot g = project(s, d, p[i], seed);
     if (seed && s.shape.index() >= 5 && (g.p - p[i]).norm() > 1e-3) {
-      const SurfaceFoot h = project(s, p[i]);
+      const SurfaceFoot h = project(s, d, p[i]);
       if ((h.p - p[i]).norm() < (g.p - p[i]).norm()) g = h;
     }
     seed = Vec2(g.u, g.v);
