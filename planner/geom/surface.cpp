@@ -10,15 +10,48 @@
 namespace asbuilt {
 namespace {
 
-SurfaceJet bspline_jet(const BSplineSurface& s, double u, double v) {
+/// Position and first derivatives.
+SurfaceJet bspline_tangents(const BSplineSurface& s, const Basis& bu, const Basis& bv, int ku, int kv) {
+  const int pu = s.degree_u, pv = s.degree_v;
+  const bool rational = !s.weights.empty();
+  Vec3 a = Vec3::Zero(), au = a, av = a;
+  double w = 0, wu = 0, wv = 0;
+  for (int i = 0; i <= pu; ++i) {
+    Vec3 r0 = Vec3::Zero(), r1 = r0;
+    double w0 = 0, w1 = 0;
+    const size_t row = static_cast<size_t>(ku - pu + i) * s.count_v + (kv - pv);
+    if (rational) {
+      for (int j = 0; j <= pv; ++j) {
+        const double b0 = bv.n[0][j] * s.weights[row + j], b1 = bv.n[1][j] * s.weights[row + j];
+        r0 += b0 * s.poles[row + j], r1 += b1 * s.poles[row + j];
+        w0 += b0, w1 += b1;
+      }
+      w += bu.n[0][i] * w0, wu += bu.n[1][i] * w0, wv += bu.n[0][i] * w1;
+    } else {
+      for (int j = 0; j <= pv; ++j) r0 += bv.n[0][j] * s.poles[row + j], r1 += bv.n[1][j] * s.poles[row + j];
+    }
+    a += bu.n[0][i] * r0, au += bu.n[1][i] * r0, av += bu.n[0][i] * r1;
+  }
+  SurfaceJet o;
+  if (!rational) {
+    o.p = a, o.du = au, o.dv = av;
+    return o;
+  }
+  o.p = a / w;
+  o.du = (au - wu * o.p) / w, o.dv = (av - wv * o.p) / w;
+  return o;
+}
+
+SurfaceJet bspline_jet(const BSplineSurface& s, double u, double v, int order) {
   const int pu = s.degree_u, pv = s.degree_v;
   const KnotRange ru = knot_range(s.knots_u, pu), rv = knot_range(s.knots_v, pv);
   u = std::clamp(u, ru.t0, ru.t1), v = std::clamp(v, rv.t0, rv.t1);
   const int ku = knot_span(s.knots_u, pu, u), kv = knot_span(s.knots_v, pv, v);
   Basis bu, bv;
-  basis_at(s.knots_u, pu, ku, u, 2, bu);
-  basis_at(s.knots_v, pv, kv, v, 2, bv);
+  basis_at(s.knots_u, pu, ku, u, order, bu);
+  basis_at(s.knots_v, pv, kv, v, order, bv);
   const bool rational = !s.weights.empty();
+  if (order < 2) return bspline_tangents(s, bu, bv, ku, kv);
   // Homogeneous sums: index 0 p, 1 u, 2 v, 3 uu, 4 uv, 5 vv.
   Vec3 a[6];
   double w[6] = {0, 0, 0, 0, 0, 0};
@@ -60,6 +93,7 @@ Vec3 rotated(const Vec3& v, const Vec3& axis, double co, double si) {
 
 struct JetOf {
   double u, v;
+  int order = 2;
   SurfaceJet operator()(const PlaneSurface& s) const {
     const Vec3 o = Vec3::Zero();
     return {s.at.origin + u * s.at.x + v * s.at.y, s.at.x, s.at.y, o, o, o};
@@ -87,7 +121,7 @@ struct JetOf {
     return {s.at.origin + rho * e + r * sv * s.at.z, rho * t, r * (-sv * e + cv * s.at.z), -rho * e, -r * sv * t,
             -r * (cv * e + sv * s.at.z)};
   }
-  SurfaceJet operator()(const BSplineSurface& s) const { return bspline_jet(s, u, v); }
+  SurfaceJet operator()(const BSplineSurface& s) const { return bspline_jet(s, u, v, order); }
   SurfaceJet operator()(const RevolutionSurface& s) const {
     const CurvePoint c = evaluate(s.profile, v);
     const double co = std::cos(u), si = std::sin(u);
@@ -139,10 +173,10 @@ std::string_view surface_type(const Surface& s) {
   return names[s.shape.index()];
 }
 
-SurfaceJet evaluate_jet(const Surface& s, double u, double v) { return std::visit(JetOf{u, v}, s.shape); }
+SurfaceJet evaluate_jet(const Surface& s, double u, double v, int order) { return std::visit(JetOf{u, v, order}, s.shape); }
 
 SurfacePoint evaluate(const Surface& s, double u, double v) {
-  const SurfaceJet j = evaluate_jet(s, u, v);
+  const SurfaceJet j = evaluate_jet(s, u, v, 1);
   SurfacePoint o;
   o.p = j.p, o.du = j.du, o.dv = j.dv;
   const Vec3 m = j.du.cross(j.dv);

@@ -124,7 +124,8 @@ SurfacePoint evaluate(const Surface& s, double u, double v);
 struct SurfaceJet {
   Vec3 p = Vec3::Zero(), du = Vec3::Zero(), dv = Vec3::Zero(), duu = Vec3::Zero(), duv = Vec3::Zero(), dvv = Vec3::Zero();
 };
-SurfaceJet evaluate_jet(const Surface& s, double u, double v);
+/// order 1 leaves the second derivatives of B-splines at zero and is faster.
+SurfaceJet evaluate_jet(const Surface& s, double u, double v, int order = 2);
 
 /// Where the parameters live, found by evaluation. A pole is a border that is one point in space.
 struct SurfaceDomain {

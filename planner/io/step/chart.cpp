@@ -588,7 +588,7 @@ Chart::Jet Chart::at(const Vec2& w) const {
   Vec2 p = uv(w);
   if (domain->is_periodic_u) p.x() -= (domain->u1 - domain->u0) * std::floor((p.x() - domain->u0) / (domain->u1 - domain->u0));
   if (domain->is_periodic_v) p.y() -= (domain->v1 - domain->v0) * std::floor((p.y() - domain->v0) / (domain->v1 - domain->v0));
-  const SurfaceJet j = evaluate_jet(*surface, p.x(), p.y());
+  const SurfaceJet j = evaluate_jet(*surface, p.x(), p.y(), 1);
   if (is_turned) return {j.p, j.dv / scale.x(), -j.du / scale.y()};
   return {j.p, j.du / scale.x(), j.dv / scale.y()};
 }

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <unordered_map>
 
 #include "planner/io/step/planar_mesh.hpp"
 
@@ -316,15 +317,20 @@ class FaceMesher {
               const std::array<bool, 3>& is_border, std::vector<Vec2>& more) {
     double worst = tol_.chord_mm;
     Vec2 pick;
-    bool found = false;
+    bool found = false, is_new = false;
     for (int k = 0; k < 3; ++k) {
       const auto a = static_cast<std::size_t>(t[static_cast<std::size_t>(k)]), b = static_cast<std::size_t>(t[static_cast<std::size_t>((k + 1) % 3)]);
       if (is_border[static_cast<std::size_t>(k)] || id[a] == id[b]) continue;
-      const Vec2 m = 0.5 * (q[a] + q[b]);
-      const double e = off(chart, m, 0.5 * (mesh_.vertices[static_cast<std::size_t>(id[a])] + mesh_.vertices[static_cast<std::size_t>(id[b])]));
-      if (e > worst) worst = e, pick = m, found = true;
+      const std::uint64_t key = static_cast<std::uint64_t>(std::min(a, b)) << 32 | std::max(a, b);
+      const auto [it, first] = checked_.emplace(key, 0.0f);
+      if (first) {
+        const Vec2 m = 0.5 * (q[a] + q[b]);
+        it->second = static_cast<float>(off(chart, m, 0.5 * (mesh_.vertices[static_cast<std::size_t>(id[a])] + mesh_.vertices[static_cast<std::size_t>(id[b])])));
+        is_new = true;
+      }
+      if (it->second > worst) worst = it->second, pick = 0.5 * (q[a] + q[b]), found = true;
     }
-    if (!found) {
+    if (!found && is_new) {  // a triangle that was here before has no new side
       const auto a = static_cast<std::size_t>(t[0]), b = static_cast<std::size_t>(t[1]), c = static_cast<std::size_t>(t[2]);
       if (id[a] == id[b] || id[b] == id[c] || id[c] == id[a]) return;
       const Vec2 m = (q[a] + q[b] + q[c]) / 3;
@@ -347,6 +353,7 @@ class FaceMesher {
   BodyMesh& mesh_;
   double area_ = 0, volume_ = 0;
   int wanted_count_ = 0;
+  std::unordered_map<std::uint64_t, float> checked_;  // side -> distance of its middle from the surface
 
  public:
   int crossings_ = 0;
