@@ -73,14 +73,13 @@ void check_path(Verdict& v, const ItemView& item, const Program& p, const Limits
   v.path_error_max_mm = std::max(worst_target, worst_line);
 }
 
-/// Points are written in the part's frame or in base itself; any other frame means they were meant for another place.
+/// The frame of the program is the part's, or none: then the points are written in base.
 void check_frame(Verdict& v, const ItemView& item, const Program& p, const Limits& limits) {
   double mm = 0, rad = 0;
   int where = -1;
   for (std::size_t i = 0; i < p.instructions.size(); ++i)
     if (const auto* s = std::get_if<SetFrame>(&p.instructions[i])) {
-      const Pose<frame::Base, frame::Work>& T = s->T_base_work;
-      if (T.p_mm.isZero(0) && quat_log(T.q).isZero(0)) continue;
+      if (s->T_base_work.p_mm.norm() == 0 && s->T_base_work.q.vec().norm() == 0) continue;
       const Vec6 xi = twist_between(Pose<frame::Base, frame::Work>(item.location.T_base_part.q, item.location.T_base_part.p_mm), s->T_base_work);
       mm = std::max(mm, xi.head<3>().norm()), rad = std::max(rad, xi.tail<3>().norm()), where = static_cast<int>(i);
     }

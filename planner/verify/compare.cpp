@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What was read back against what was planned. Comments say nothing to the machine and are left out; so are frames, which are a way
-// of writing points: every target is compared in base, where a wrong frame shows.
+// What was read back against what was planned. Comments say nothing to the machine and are left out. Frames are compared by
+// themselves: a dialect may say the frame later, or write its points in base; the points themselves are compared in base.
 #include <algorithm>
 #include <cmath>
 
@@ -72,6 +72,24 @@ std::vector<const Instruction*> spoken(const Program& p) {
   return out;
 }
 
+/// Every frame read back is one of the planned ones, or base.
+void compare_frames(Worst& w, const Program& planned, const Program& read_back) {
+  for (std::size_t i = 0; i < read_back.instructions.size(); ++i) {
+    const auto* y = std::get_if<SetFrame>(&read_back.instructions[i]);
+    if (y == nullptr || (y->T_base_work.p_mm.norm() == 0 && y->T_base_work.q.vec().norm() == 0)) continue;
+    Worst best;
+    best.position_mm = 1e9, best.angle_rad = kPi;
+    for (const Instruction& p : planned.instructions)
+      if (const auto* x = std::get_if<SetFrame>(&p)) {
+        Worst one;
+        compare_pose(one, x->T_base_work, y->T_base_work, static_cast<int>(i));
+        if (one.position_mm + one.angle_rad < best.position_mm + best.angle_rad) best = one;
+      }
+    raise(w.position_mm, w.position_at, best.position_mm, static_cast<int>(i));
+    raise(w.angle_rad, w.angle_at, best.angle_rad, static_cast<int>(i));
+  }
+}
+
 }  // namespace
 
 Verdict compare_programs(const Program& planned, const Program& read_back, double position_step_mm, double angle_step_rad, double speed_step_mm_s) {
@@ -89,6 +107,7 @@ Verdict compare_programs(const Program& planned, const Program& read_back, doubl
   add_check(v, "compare.order", is_same_order ? 0 : 1, 0, "count", is_same_order, is_same_order ? "" : "instruction " + std::to_string(first + 1));
   Worst w;
   for (std::size_t i = 0; i < first; ++i) compare_one(w, *a[i], *b[i], static_cast<int>(i));
+  compare_frames(w, planned, read_back);
   const auto place = [](int i) { return i < 0 ? std::string() : "instruction " + std::to_string(i + 1); };
   // half a printed step per coordinate: the length of the offset is at most root 3 / 2 of a step
   const double position = 0.8661 * position_step_mm + 1e-6, angle = 0.8661 * angle_step_rad + 1e-9;

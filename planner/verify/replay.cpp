@@ -113,7 +113,7 @@ class Player {
 
   void begin_motion(bool is_joint) {
     ++out_.moves_count;
-    if (!has_tool_ || (!is_joint && !has_frame_)) out_.before_setup.push_back(index_);
+    if (!has_tool_ || (!is_joint && !has_frame_)) out_.before_setup.push_back(index_);  // joints need no frame
     if (out_.first_motion < 0) out_.first_motion = index_, out_.is_first_joint = is_joint;
     out_.last_motion = index_;
   }

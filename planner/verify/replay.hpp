@@ -37,7 +37,7 @@ struct Replay {
   std::size_t moves_count = 0;
   // what was met on the way
   std::vector<int> unreached;                  // instructions whose target or way the arm cannot reach
-  std::vector<int> before_setup;               // moves before tool and frame
+  std::vector<int> before_setup;               // moves before the tool, linear ones before the frame
   int first_motion = -1, last_motion = -1;
   bool is_first_joint = false;
   double rpm_at_end = 0;

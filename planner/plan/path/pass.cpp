@@ -12,6 +12,7 @@ namespace {
 
 constexpr double kBlendMm = 0.6;      // stations this near to a smooth joint that does not close exactly give way to a straight line
 constexpr double kMismatchMm = 0.005;
+constexpr double kCornerMeetMm = 0.05; // two lines that pass this near at a corner in the air meet halfway
 constexpr double kOverlapMm = 1.5;    // how far a ring runs over its start
 constexpr double kFitStepMm = 2.0;    // spacing of the cutter's check against the part; every point near ends and corners
 constexpr double kFitEndMm = 6.0;
@@ -160,9 +161,10 @@ BuiltPass build_pass(const Chain& chain, const std::vector<PlacedEdge>& edges, c
   for (std::size_t i = 0; i < parts.size(); ++i) {
     points.insert(points.end(), parts[i].begin(), parts[i].end());
     if (i + 1 < parts.size() && links[i].to_next == Joint::corner) {
-      points.push_back(corner_point(parts[i].back(), links[i].corner_out, PathPointKind::lead_out));
-      if ((links[i].corner_in - links[i].corner_out).norm() > 1e-4)
-        points.push_back(corner_point(parts[i + 1].front(), links[i].corner_in, PathPointKind::lead_in));
+      const Vec3 &a = links[i].corner_out, &b = links[i].corner_in;
+      const bool is_one = (a - b).norm() < kCornerMeetMm;
+      points.push_back(corner_point(parts[i].back(), is_one ? Vec3(0.5 * (a + b)) : a, PathPointKind::lead_out));
+      if (!is_one) points.push_back(corner_point(parts[i + 1].front(), b, PathPointKind::lead_in));
     }
   }
   Points ring;

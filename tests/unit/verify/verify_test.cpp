@@ -160,13 +160,19 @@ TEST(Compare, equal_programs_are_equal_and_every_change_is_named) {
   for (Instruction& i : noisy.instructions)
     if (auto* m = std::get_if<MoveLinear>(&i)) m->T_base_tool.p_mm.x() += 0.0004, m->is_exact = true;
   EXPECT_TRUE(compare_programs(item.program, noisy, step, angle, speed).is_ok());
+  Program in_base = item.program;  // a dialect that writes its points in base, and says so late
+  std::swap(in_base.instructions[1], in_base.instructions[2]);
+  std::get<SetFrame>(in_base.instructions[2]).T_base_work = {};
+  EXPECT_TRUE(compare_programs(item.program, in_base, step, angle, speed).is_ok());
+  EXPECT_TRUE(verify_item(item.world.job, item.world.location, item.world.features, item.world.burrs, item.path, in_base).is_ok());
   const auto check = [&](const std::string& name, auto&& change) {
     Program p = item.program;
     change(p);
     EXPECT_TRUE(fails(compare_programs(item.program, p, step, angle, speed), name)) << name;
   };
   check("compare.count", [](Program& p) { erase_first<Wait>(p); });
-  check("compare.order", [](Program& p) { std::swap(p.instructions[0], p.instructions[1]); });
+  check("compare.order", [](Program& p) { std::swap(p.instructions[0], p.instructions[2]); });
+  check("compare.position", [](Program& p) { nth<SetFrame>(p, 0).T_base_work.p_mm.x() += 0.002; });
   check("compare.position", [](Program& p) { nth<MoveLinear>(p, 5).T_base_tool.p_mm.z() += 0.002; });
   check("compare.orientation", [](Program& p) {
     auto& T = nth<MoveLinear>(p, 5).T_base_tool;
