@@ -95,12 +95,21 @@ function makeCharts(box, onPoint) {
       box.appendChild(defs);
       const max = a => a.reduce((m, v) => finite(v) && v > m ? v : m, -1e30), any = a => a && a.some(finite);
       const range = (a, d, u) => any(a) ? 'up to ' + max(a).toFixed(d) + ' ' + u : '';
-      const curves = [{y: e.deviation, colour: '#1b2430', name: 'whole', width: 1.8}];
-      if (any(e.rigid)) curves.push({y: e.rigid, colour: '#2a6fb0', name: 'rigid', width: 1.2});
-      if (any(e.shape)) curves.push({y: e.shape, colour: '#c2701c', name: 'feature', width: 1.2});
-      if (any(e.local)) curves.push({y: e.local, colour: '#7a3fa8', name: 'local', width: 1.2});
-      chart(e, {title: 'Deviation of the adapted edge from the drawing, mm', note: range(e.deviation, 3, 'mm') + (curves.length > 1 ? ' (black: whole, blue: rigid, orange: feature, violet: local)' : ''),
+      const curves = [{y: e.deviation, colour: '#1b2430', name: 'whole', width: 1.8}], said = [];
+      const most = max(e.deviation);
+      const part = (y, name, colour, word) => { if (any(y)) { curves.push({y, colour, name, width: 1.2}); said.push(word + ': ' + name); } };
+      // how far the part as a whole sits from its drawing's place can be a hundred times the rest: then it is said, not drawn
+      if (any(e.rigid) && max(e.rigid) <= 4 * most) part(e.rigid, 'rigid', '#2a6fb0', 'blue');
+      part(e.shape, 'feature', '#c2701c', 'orange');
+      part(e.local, 'local', '#7a3fa8', 'violet');
+      chart(e, {title: 'Deviation of the adapted edge from the drawing, mm', note: range(e.deviation, 3, 'mm') + (said.length ? ' (black: whole, ' + said.join(', ') + ')' : ''),
         unit: 'mm', digits: 3, curves, height: 124, strip: e.status});
+      if (any(e.rigid) && max(e.rigid) > 4 * most) {
+        const p = document.createElement('p');
+        p.className = 'muted'; p.style.margin = '-4px 0 8px';
+        p.textContent = 'With the part as a whole this edge sits ' + Math.min(...e.rigid.filter(finite)).toFixed(2) + ' to ' + max(e.rigid).toFixed(2) + ' mm from its place by the fixture\u2019s drawing (rigid).';
+        box.appendChild(p);
+      }
       if (e.burr && e.burr.height) {
         const h = e.burr.height, sd = e.burr.sd || [], gaps = [];
         for (let i = 0; i < h.length; ++i) if (!finite(h[i])) {
