@@ -319,7 +319,9 @@ class Builder {
       }
       ++degree[key.first], ++degree[key.second];
     }
-    for (auto& [faces, out] : by_faces) {
+    for (auto& entry : by_faces) {
+      const std::pair<int, int> faces = entry.first;
+      std::map<int, std::vector<Link>>& out = entry.second;
       std::map<int, int> in;
       for (const auto& [v, list] : out)
         for (const Link& l : list) ++in[l.to];

@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// libFuzzer target of the STEP reader: any bytes give a part or a refusal with a place in it; never a crash, a hang or much memory.
+#include <cstdint>
+#include <cstdlib>
+#include <string_view>
+
+#include "planner/io/step/step_reader.hpp"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  asbuilt::StepOptions options;
+  options.chord_mm = 0.5;
+  options.angle_rad = 0.6;
+  const auto r = asbuilt::read_step({reinterpret_cast<const char*>(data), size}, "fuzz.step", options);
+  if (!r) {
+    for (const asbuilt::Refusal& e : r.error())
+      if (e.code.empty() || e.where.find("fuzz.step:") != 0 || e.message.empty()) std::abort();
+    return 0;
+  }
+  for (const auto& t : r->artefact.mesh.triangles)
+    for (int v : t)
+      if (v < 0 || v >= static_cast<int>(r->artefact.mesh.vertices.size())) std::abort();
+  for (const auto& e : r->artefact.edges)
+    if (e.p.size() != e.tangent.size() || e.p.size() != e.n_1.size() || e.p.size() != e.n_2.size() || e.p.size() != e.s_mm.size()) std::abort();
+  return 0;
+}
