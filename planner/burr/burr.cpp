@@ -23,22 +23,70 @@ double quantile(std::vector<double>& v, double q) {
   return v[k];
 }
 
-/// The direction in which the fin leans at each station: robust mean direction of the proud points around it.
-struct Lean {
-  std::vector<double> angle_rad;  // of (f_1, f_2)
-};
-Lean find_lean(const std::vector<SectionPoint>& proud, const std::vector<double>& stations) {
-  Lean out;
+/// The direction in which the fin leans at each station (angle of (f_1, f_2)): where the proud points around it agree on one; else
+/// continued from where they do. NaN where they never do.
+std::vector<double> find_lean(const std::vector<SectionPoint>& proud, const std::vector<double>& stations) {
+  std::vector<double> out;
   std::size_t a = 0, b = 0;
+  std::vector<double> angles, kept;
   for (const double s : stations) {
     while (a < proud.size() && proud[a].s_mm < s - 4) ++a;
     while (b < proud.size() && proud[b].s_mm < s + 4) ++b;
-    std::vector<double> angles;
-    for (std::size_t i = a; i < b; ++i)
-      if (proud[i].out_mm() > 0.08) angles.push_back(std::atan2(proud[i].f_2_mm, proud[i].f_1_mm));
-    out.angle_rad.push_back(angles.size() < 5 ? kNan : quantile(angles, 0.5));
+    angles.clear(), kept.clear();
+    for (std::size_t i = a; i < b; ++i) {
+      const double e = proud[i].out_mm();
+      if (e > 0.1 && std::hypot(proud[i].f_1_mm, proud[i].f_2_mm) < 1.25 * e + 0.04) angles.push_back(std::atan2(proud[i].f_2_mm, proud[i].f_1_mm));
+    }
+    double angle = kNan;
+    if (angles.size() >= 8) {
+      std::vector<double> work = angles;
+      const double middle = quantile(work, 0.5);
+      std::size_t close = 0;
+      for (const double x : angles) {
+        close += std::abs(x - middle) < 0.25;
+        if (std::abs(x - middle) < 0.35) kept.push_back(x);
+      }
+      if (2 * close > angles.size()) angle = quantile(kept, 0.5);
+    }
+    out.push_back(angle);
   }
+  // Continue over the gaps.
+  std::ptrdiff_t before = -1;
+  const std::ptrdiff_t count = static_cast<std::ptrdiff_t>(out.size());
+  for (std::ptrdiff_t i = 0; i < count; ++i) {
+    if (!std::isfinite(out[i])) continue;
+    for (std::ptrdiff_t j = before + 1; j < i; ++j)
+      out[j] = before < 0 ? out[i] : out[before] + (out[i] - out[before]) * static_cast<double>(j - before) / static_cast<double>(i - before);
+    before = i;
+  }
+  if (before >= 0)
+    for (std::ptrdiff_t j = before + 1; j < count; ++j) out[j] = out[before];
   return out;
+}
+
+/// Points per mm^2 that the captures would put on the flank of a fin leaning by `angle` at s. A flank seen at less than about 10
+/// degrees returns nothing.
+double flank_density(const EdgeSection& section, const MeasuredCloud& cloud, double s, double angle) {
+  double density = 0;
+  for (std::size_t k = 0; k < section.sights.size(); ++k) {
+    const auto& sights = section.sights[k];
+    if (sights.empty()) continue;
+    const double per_mm2 = 1 / std::max(1e-4, cloud.captures[k].spacing_mm * cloud.captures[k].spacing_mm);
+    double points = 0, ray_1 = 0, ray_2 = 0, seen = 1;
+    const int middle = std::min(static_cast<int>(s), static_cast<int>(sights.size()) - 1);
+    for (int j = std::max(0, middle - 1); j <= std::min(static_cast<int>(sights.size()) - 1, middle + 1); ++j) {
+      const Sight& sight = sights[static_cast<std::size_t>(j)];
+      const double n = sight.points_1_count + sight.points_2_count;
+      const double expected = per_mm2 * 2.25 * (std::max(0.0f, -sight.ray_1) + std::max(0.0f, -sight.ray_2));
+      seen = std::min(seen, n / std::max(1.0, 0.5 * expected));  // at the end of a capture's view nothing is promised
+      points += n, ray_1 += n * sight.ray_1, ray_2 += n * sight.ray_2;
+    }
+    if (points < 3) continue;
+    ray_1 /= points, ray_2 /= points;
+    const double facing = std::abs(-std::sin(angle) * ray_1 + std::cos(angle) * ray_2);
+    density += seen * per_mm2 * facing * std::clamp((facing - 0.17) / 0.2, 0.0, 1.0);
+  }
+  return density;
 }
 
 std::size_t count_between(const std::vector<float>& sorted, double a, double b) {
@@ -100,7 +148,6 @@ Result<Done<Burrs>> measure_burrs(const BurrRecipe& recipe, const Job& job, cons
 
     // Seen or not: face points on both sides close to the edge, or a burr itself.
     std::vector<double> coverage(count, 0);
-    std::size_t face_points = section.face_1_s.size() + section.face_2_s.size();
     for (std::size_t i = 0; i < count; ++i) {
       const double a = edge.s_mm[i] - recipe.window_mm - 0.5, b = edge.s_mm[i] + recipe.window_mm + 0.5;
       const double side_1 = std::min(1.0, static_cast<double>(count_between(section.face_1_s, a, b)) / 6.0);
@@ -110,14 +157,14 @@ Result<Done<Burrs>> measure_burrs(const BurrRecipe& recipe, const Job& job, cons
       coverage[i] = std::min(1.0, std::max(0.5 * (side_1 + side_2), std::min(1.0, static_cast<double>(proud) / 6.0)));
     }
 
-    const Lean lean = find_lean(section.proud, edge.s_mm);
+    const std::vector<double> lean = find_lean(section.proud, edge.s_mm);
     std::vector<HeightSample> samples;
     double tallest = 0;
     for (const SectionPoint& p : section.proud) {
       const std::size_t i = std::min(count - 1, static_cast<std::size_t>(std::lround(p.s_mm / std::max(step, 1e-9))));
       double fits = 0.7;
-      if (std::isfinite(lean.angle_rad[i])) {
-        const double across = -std::sin(lean.angle_rad[i]) * p.f_1_mm + std::cos(lean.angle_rad[i]) * p.f_2_mm;
+      if (std::isfinite(lean[i])) {
+        const double across = -std::sin(lean[i]) * p.f_1_mm + std::cos(lean[i]) * p.f_2_mm;
         fits = 0.02 + 0.96 * std::exp(-0.5 * across * across / (0.09 * 0.09 + 0.15 * 0.15 * p.out_mm() * p.out_mm()));
       }
       samples.push_back({p.s_mm, p.out_mm(), std::max(0.006, static_cast<double>(p.sigma_mm)), fits});
@@ -127,26 +174,27 @@ Result<Done<Burrs>> measure_burrs(const BurrRecipe& recipe, const Job& job, cons
     ChainOptions chain;
     chain.threshold_mm = how.threshold_mm;
     chain.height_max_mm = std::max({1.0, 1.5 * limit, 1.3 * tallest + 0.2});
-    // How densely the fin is hit: from the hits themselves, against the heights found; a face's density where there are none.
-    const double face_density = static_cast<double>(face_points) / std::max(1.0, 2 * 2.25 * edge.s_mm.back());
-    std::vector<double> density(count, 0), heights(count, 0);
+    // How densely the fin would be hit: from how the captures look at it, scaled by the hits on what was found.
+    std::vector<double> foreseen(count, 0), density(count, 0), heights(count, 0), hits(count, 0);
+    for (std::size_t i = 0; i < count; ++i) {
+      if (std::isfinite(lean[i])) {
+        foreseen[i] = flank_density(section, cloud, edge.s_mm[i], lean[i]);
+      } else {  // no fin was found: it could lean anyhow
+        foreseen[i] = 1e300;
+        for (const double angle : {0.3, 0.8, 1.3}) foreseen[i] = std::min(foreseen[i], flank_density(section, cloud, edge.s_mm[i], angle));
+      }
+    }
     for (const HeightSample& p : samples) {
+      if (p.inlier_ratio < 0.3) continue;
       const std::size_t i = std::min(count - 1, static_cast<std::size_t>(std::lround(p.s_mm / std::max(step, 1e-9))));
-      if (p.inlier_ratio > 0.3) heights[i] = std::max(heights[i], p.height_mm);
+      heights[i] = std::max(heights[i], p.height_mm), hits[i] += 1;
     }
     ChainPosterior posterior;
     for (int round = 0; round < 3; ++round) {
-      for (std::size_t i = 0; i < count; ++i) {
-        double hits = 0, exposed = 0;
-        const int half = static_cast<int>(std::lround(5 / std::max(step, 1e-9)));
-        const int from = std::max(0, static_cast<int>(i) - half), to = std::min(static_cast<int>(count) - 1, static_cast<int>(i) + half);
-        for (int j = from; j <= to; ++j) exposed += std::max(0.0, heights[j] - how.threshold_mm) * step;
-        const double a = edge.s_mm[from] - step / 2, b = edge.s_mm[to] + step / 2;
-        for (const HeightSample& p : samples)
-          if (p.s_mm >= a && p.s_mm < b) hits += p.inlier_ratio > 0.3;
-        const double prior = std::max(2.0, 0.5 * face_density);
-        density[i] = coverage[i] <= 0 ? 0.0 : coverage[i] * (hits + 3) / (exposed + 3 / prior);
-      }
+      constexpr double kPriorHits = 5, kPriorRatio = 0.6;
+      double found = kPriorHits, exposed = kPriorHits / kPriorRatio;
+      for (std::size_t i = 0; i < count; ++i) found += hits[i], exposed += foreseen[i] * std::max(0.0, heights[i] - how.threshold_mm) * step;
+      for (std::size_t i = 0; i < count; ++i) density[i] = coverage[i] > 0 ? std::max(0.1, foreseen[i] * found / exposed) : 0.0;
       posterior = height_profile(chain, edge.s_mm, samples, density, edge.is_closed);
       heights = posterior.mean_mm;
     }
@@ -160,14 +208,15 @@ Result<Done<Burrs>> measure_burrs(const BurrRecipe& recipe, const Job& job, cons
     for (std::size_t i = 0; i < count; ++i) {
       const bool is_seen = coverage[i] > 0;
       if (!is_seen) ++unseen;
-      const bool is_none = posterior.none_ratio[i] > 0.7 && coverage[i] >= recipe.coverage_min_ratio;
+      // Absence counts as seen only where a burr of 0.15 mm over 3 mm would have been hit.
+      const bool is_none = posterior.none_ratio[i] > 0.7 && coverage[i] >= recipe.coverage_min_ratio && density[i] * 0.15 * 3 > 2;
       const double h = is_none ? 0.0 : posterior.mean_mm[i];
       burr.height_mm.push_back(is_seen ? h : kNan);
       burr.height_sd_mm.push_back(is_seen ? posterior.sd_mm[i] : kNan);
       burr.height_upper_mm.push_back(is_seen ? std::max(h, posterior.upper_mm[i]) : std::max(limit, posterior.upper_mm[i]));
       double width = 0, area = 0;
       if (!is_none && is_seen && h > how.threshold_mm) {
-        const double angle = std::isfinite(lean.angle_rad[i]) ? lean.angle_rad[i] : kPi / 4;
+        const double angle = std::isfinite(lean[i]) ? lean[i] : kPi / 4;
         width = root_width(section.proud, edge.s_mm[i], 1.5, angle, h);
         if (!std::isfinite(width)) width = std::min(0.15, 0.5 * h + 0.02);
         const double length = h / std::max(0.5, std::max(std::cos(angle), std::sin(angle)));

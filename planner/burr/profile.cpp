@@ -9,6 +9,8 @@ namespace asbuilt::burring {
 
 namespace {
 
+constexpr double kPi = 3.14159265358979323846;
+
 double normal_cdf(double x) { return 0.5 * std::erfc(-x / std::sqrt(2.0)); }
 
 /// Fine where burrs are low, then in steps of 2 %.
@@ -54,16 +56,21 @@ ChainPosterior height_profile(const ChainOptions& o, const std::vector<double>& 
   for (int i = 0; i < n; ++i) width(i) = 0.5 * (h[std::min(n - 1, i + 1)] - h[std::max(0, i - 1)]);
   const double step = count > 1 ? (stations.back() - stations.front()) / (count - 1) : 1;
 
-  // Samples are a Poisson process over the fin's flank: rate `density` up to the height, a thin rate of outliers everywhere.
+  // Samples are a Poisson process over the fin's flank: rate `density` up to the height and a little more at its blunt tip, and a
+  // thin rate of outliers everywhere.
   Eigen::MatrixXd emission = Eigen::MatrixXd::Zero(n, count);  // log
   for (const HeightSample& p : samples) {
     const int j = std::clamp(static_cast<int>(std::lround((p.s_mm - stations.front()) / std::max(step, 1e-9))), 0, count - 1);
-    for (int i = 0; i < n; ++i)
-      emission(i, j) += o.sample_weight * std::log(p.inlier_ratio * density[j] * normal_cdf((h[i] - p.height_mm) / p.sigma_mm) + o.outliers_mm2);
+    const double tip_sd = std::hypot(p.sigma_mm, o.tip_scatter_mm);
+    for (int i = 0; i < n; ++i) {
+      const double u = (h[i] - p.height_mm) / tip_sd;
+      const double tip = std::abs(u) < 8 ? o.tip_mm * std::exp(-0.5 * u * u) / (tip_sd * std::sqrt(2 * kPi)) : 0.0;
+      emission(i, j) += std::log(p.inlier_ratio * density[j] * (normal_cdf((h[i] - p.height_mm) / p.sigma_mm) + tip) + o.outliers_mm2);
+    }
   }
   for (int j = 0; j < count; ++j)
     for (int i = 0; i < n; ++i)
-      if (h[i] > o.threshold_mm) emission(i, j) -= o.sample_weight * density[j] * (h[i] - o.threshold_mm) * step;
+      if (h[i] > o.threshold_mm) emission(i, j) -= density[j] * (h[i] - o.threshold_mm + o.tip_mm) * step;
 
   const Eigen::MatrixXd t = transition(o, h, width, step);
   Eigen::MatrixXd e(n, count);

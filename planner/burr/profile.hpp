@@ -16,12 +16,13 @@ struct HeightSample {
 struct ChainOptions {
   double threshold_mm = 0.03;     // samples below are not reported
   double height_max_mm = 4;       // end of the grid
-  double outliers_mm2 = 0.5;      // stray samples per mm of height and mm of edge
-  double sample_weight = 0.4;     // rows of one capture sample the same heights again and again
-  double walk_mm = 0.05;          // sd of the change over 1 mm along the edge, for low burrs
-  double walk_ratio = 0.06;       // and in addition, per mm of height
-  double leave_ratio = 0.08;      // of mm along the edge without burr where one begins
-  double jump_ratio = 0.02;       // of mm along the edge where the burr breaks off or starts
+  double outliers_mm2 = 3;        // stray samples per mm of height and mm of edge
+  double tip_mm = 0.007;          // width of the blunt tip that shows, with the scatter of its height
+  double tip_scatter_mm = 0.012;
+  double walk_mm = 0.03;          // sd of the change over 1 mm along the edge, for low burrs
+  double walk_ratio = 0.05;       // and in addition, per mm of height
+  double leave_ratio = 0.05;      // of mm along the edge without burr where one begins
+  double jump_ratio = 0.006;      // of mm along the edge where the burr breaks off or starts
 };
 
 struct ChainPosterior {

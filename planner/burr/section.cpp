@@ -94,9 +94,10 @@ std::vector<EdgeSection> cut_sections(const SectionOptions& options, const Measu
                           const double f_2 = height_over(frames_2[best->line], p, v, n_2, a, best->t);
                           const double out = std::max(f_1, f_2);
                           Found& f = found[i];
-                          f.point = {static_cast<float>(best->s_mm), static_cast<float>(f_1), static_cast<float>(f_2),
-                                     std::max(1e-4f, cloud.sigma_mm[i]), static_cast<int>(k)};
                           const Vec3 ray = (p - eye).normalized();
+                          f.point = {static_cast<float>(best->s_mm), static_cast<float>(f_1), static_cast<float>(f_2),
+                                     std::max(1e-4f, cloud.sigma_mm[i]), static_cast<float>(ray.dot(n_1)), static_cast<float>(ray.dot(n_2)),
+                                     static_cast<int>(k)};
                           f.point.sigma_mm *= static_cast<float>(std::max(0.3, std::abs(ray.dot(f_1 > f_2 ? n_1 : n_2))));
                           if (out > options.threshold_mm) {
                             // A burr stands on the edge: what hangs over a face farther off than it stands out is no burr.
@@ -112,6 +113,7 @@ std::vector<EdgeSection> cut_sections(const SectionOptions& options, const Measu
   }
   std::vector<EdgeSection> out(features.edges.size());
   std::vector<std::vector<double>> heights_1(out.size()), heights_2(out.size());
+  for (EdgeSection& section : out) section.sights.resize(cloud.captures.size());
   for (const Found& f : found) {
     if (f.edge < 0) continue;
     EdgeSection& section = out[f.edge];
@@ -119,9 +121,19 @@ std::vector<EdgeSection> cut_sections(const SectionOptions& options, const Measu
       section.proud.push_back(f.point);
     } else {
       (f.kind == 1 ? section.face_1_s : section.face_2_s).push_back(f.point.s_mm);
+      auto& sights = section.sights[static_cast<std::size_t>(f.point.capture)];
+      if (sights.empty()) sights.resize(std::max<std::size_t>(1, static_cast<std::size_t>(features.edges[f.edge].s_mm.back())));
+      Sight& sight = sights[std::min(sights.size() - 1, static_cast<std::size_t>(f.point.s_mm))];
+      ++(f.kind == 1 ? sight.points_1_count : sight.points_2_count);
+      sight.ray_1 += f.point.ray_1, sight.ray_2 += f.point.ray_2;
       (f.kind == 1 ? heights_1 : heights_2)[f.edge].push_back(f.kind == 1 ? f.point.f_1_mm : f.point.f_2_mm);
     }
   }
+  for (EdgeSection& section : out)
+    for (auto& sights : section.sights)
+      for (Sight& sight : sights)
+        if (const int n = sight.points_1_count + sight.points_2_count; n > 0)
+          sight.ray_1 /= static_cast<float>(n), sight.ray_2 /= static_cast<float>(n);
   for (std::size_t e = 0; e < out.size(); ++e) {
     std::sort(out[e].face_1_s.begin(), out[e].face_1_s.end()), std::sort(out[e].face_2_s.begin(), out[e].face_2_s.end());
     out[e].offset_1_mm = median_of(heights_1[e]), out[e].offset_2_mm = median_of(heights_2[e]);

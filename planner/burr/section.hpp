@@ -13,13 +13,22 @@ namespace asbuilt::burring {
 
 struct SectionPoint {
   float s_mm, f_1_mm, f_2_mm, sigma_mm;  // sigma across the section
+  float ray_1, ray_2;                    // the ray along the two normals
   int capture;
   float out_mm() const { return std::max(f_1_mm, f_2_mm); }
+};
+
+/// How one capture looked at 1 mm of an edge: its points on the two faces close to the edge, and the mean direction of the rays
+/// in the section's coordinates (along the two outward normals).
+struct Sight {
+  int points_1_count = 0, points_2_count = 0;
+  float ray_1 = 0, ray_2 = 0;
 };
 
 struct EdgeSection {
   std::vector<SectionPoint> proud;        // standing out near the edge: burr, and what is not
   std::vector<float> face_1_s, face_2_s;  // arc lengths of points on the faces close to the edge: proof of sight, ascending
+  std::vector<std::vector<Sight>> sights; // by capture, by mm along the edge; empty for captures that did not see it
   double noise_mm = 0;                    // robust sd of the height of the face points close to the edge
   double offset_1_mm = 0, offset_2_mm = 0;  // median height of those points: what the fit left
 };

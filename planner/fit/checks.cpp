@@ -13,7 +13,7 @@ namespace asbuilt::fitting {
 namespace {
 
 constexpr double kGapMax_mm = 10, kUnseenShareMax = 0.15;
-constexpr int kPointsMin = 60;
+constexpr int kPointsMin = 15;
 
 std::string name_edge(const Setup& setup, std::size_t e, const Job& job) {
   return "edge " + job.part.brep.edges[setup.edges[e].edge].id + " of " + setup.edges[e].feature;

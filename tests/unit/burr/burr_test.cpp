@@ -16,9 +16,13 @@ using namespace synthetic;
 
 Job job_of_edge_0() { return plate_job({}, {0}); }
 
-Scan faces_of_edge_0(double pitch = 0.25) {
-  return scan_plate({}, [](int, const Vec3&) { return 0.0; }, pitch, 6, {0});
+/// The edge's faces as seen from outside (y < 0) or from inside.
+Scan faces_of_edge_0(const Vec3& from = Vec3(0, -0.5, 0.87)) {
+  Scan s = scan_plate({}, [](int, const Vec3&) { return 0.0; }, 0.25, 6, {0});
+  s.from = from;
+  return s;
 }
+const Vec3 kInside(0, 0.6, 0.8);
 
 Burrs measured(const Job& job, const Measured& m, const Features& f) {
   auto r = measure_burrs({}, job, m.cloud, m.location, f);
@@ -39,7 +43,7 @@ std::string refusal(const Job& job, const Measured& m, const Features& f) {
 
 TEST(Burr, EdgeWithoutBurrReadsZero) {
   const Features f = plate_features({});
-  const Burrs b = measured(job_of_edge_0(), measure({faces_of_edge_0()}, some_place(), 1), f);
+  const Burrs b = measured(job_of_edge_0(), measure({faces_of_edge_0(), faces_of_edge_0(kInside)}, some_place(), 1), f);
   ASSERT_EQ(b.edges.size(), 1u);
   for (std::size_t i = 0; i < b.edges[0].height_mm.size(); ++i) {
     EXPECT_EQ(b.edges[0].height_mm[i], 0) << i;
@@ -54,7 +58,7 @@ TEST(Burr, FinsOfEveryHeightAreMeasured) {
     for (const double lean : {0.2, 0.78, 1.4}) {
       const Fin fin{.height = [&](double s) { return level * (1 + 0.15 * std::sin(s / 7)); }, .lean_rad = lean};
       Random random(7);
-      std::vector<Scan> scans{faces_of_edge_0()};
+      std::vector<Scan> scans{faces_of_edge_0(), faces_of_edge_0(kInside)};
       for (int k = 0; k < 3; ++k) {
         Scan s;
         s.name = "fin";
@@ -77,17 +81,41 @@ TEST(Burr, FinsOfEveryHeightAreMeasured) {
 }
 
 TEST(Burr, WhatWasNotSeenIsNoZero) {
-  Scan s = faces_of_edge_0(), half;
-  half.name = "half";
-  for (std::size_t i = 0; i < s.p_part.size(); ++i)
-    if (s.p_part[i].x() < 70) half.p_part.push_back(s.p_part[i]), half.n_part.push_back(s.n_part[i]);
-  const Burrs b = measured(job_of_edge_0(), measure({half}, some_place(), 3), plate_features({}));
+  std::vector<Scan> scans;
+  for (const Scan& s : {faces_of_edge_0(), faces_of_edge_0(kInside)}) {
+    Scan half;
+    half.name = "half", half.from = s.from;
+    for (std::size_t i = 0; i < s.p_part.size(); ++i)
+      if (s.p_part[i].x() < 70) half.p_part.push_back(s.p_part[i]), half.n_part.push_back(s.n_part[i]);
+    scans.push_back(half);
+  }
+  const Burrs b = measured(job_of_edge_0(), measure(scans, some_place(), 3), plate_features({}));
   for (std::size_t i = 146; i < b.edges[0].height_mm.size(); ++i) {
     EXPECT_TRUE(std::isnan(b.edges[0].height_mm[i]));
     EXPECT_GE(b.edges[0].height_upper_mm[i], 1.5);
     EXPECT_EQ(b.edges[0].coverage_ratio[i], 0);
   }
   EXPECT_EQ(b.edges[0].height_mm[60], 0);
+}
+
+TEST(Burr, FinSeenEdgeOnIsBridgedAndNeverDenied) {
+  // Along the middle third the only capture looks exactly along the fin: no point falls on it there.
+  const Fin fin{.height = [](double) { return 0.35; }, .lean_rad = 0.52};
+  Random random(12);
+  Scan a = faces_of_edge_0(Vec3(0, -0.5, 0.87)), left, right;
+  left.name = "left", right.name = "right", left.from = right.from = kInside;
+  const Scan all = faces_of_edge_0(kInside);
+  for (std::size_t i = 0; i < all.p_part.size(); ++i) {
+    Scan* s = all.p_part[i].x() < 33 ? &left : all.p_part[i].x() > 47 ? &right : nullptr;
+    if (s) s->p_part.push_back(all.p_part[i]), s->n_part.push_back(all.n_part[i]);
+  }
+  for (int k = 0; k < 2; ++k) add_fin(left, fin, 0, 33, 0.2, random), add_fin(right, fin, 47, 80, 0.2, random);
+  const Burrs burrs = measured(job_of_edge_0(), measure({a, left, right}, some_place(), 13), plate_features({}));
+  for (std::size_t i = 70; i < 90; ++i) {
+    EXPECT_GT(burrs.edges[0].height_mm[i], 0.15) << i;
+    EXPECT_GT(burrs.edges[0].height_upper_mm[i], 0.4);
+    EXPECT_GT(burrs.edges[0].height_sd_mm[i], 0.05);
+  }
 }
 
 TEST(Burr, OrderOfPointsAndPlaceOfTheCellDoNotMatter) {

@@ -36,7 +36,7 @@ TEST(Profile, HeightsAreFoundWithinTheirSd) {
   int count = 0;
   for (int trial = 0; trial < 8; ++trial) {
     const Case c = draw(trial, 0.4, 0.2, 40, 0.006);
-    const ChainPosterior p = height_profile({.sample_weight = 1}, c.stations, c.samples, c.density, false);
+    const ChainPosterior p = height_profile({.outliers_mm2 = 0.5, .tip_mm = 0}, c.stations, c.samples, c.density, false);
     for (std::size_t i = 0; i < c.truth.size(); ++i) {
       const double d = p.mean_mm[i] - c.truth[i];
       square += d * d, bias += d, normal += d * d / (p.sd_mm[i] * p.sd_mm[i]);

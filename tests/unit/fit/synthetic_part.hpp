@@ -105,6 +105,7 @@ struct Scan {  // one capture in the making: points in part (true places), their
   Pose<frame::Base, frame::Base> error;  // what the capture's points are moved by (to be corrected)
   std::vector<Vec3> p_part, n_part;
   double noise_mm = 0.006;
+  Vec3 from = Vec3(0, 0, 1);               // where the sensor stands, as seen from the middle of the points, in part
 };
 
 /// Points on a face around an edge piece: `place(s, d)` gives the true point at s along, d inside; every pitch_mm.
@@ -114,7 +115,7 @@ inline void sample_strip(Scan& scan, const std::function<Vec3(double, double)>& 
     for (double d = pitch_mm / 2; d < depth; d += pitch_mm) scan.p_part.push_back(place(s, d)), scan.n_part.push_back(n);
 }
 
-/// A cloud and a location (exact unless changed) from scans; the sensor looks from 200 mm above along -z of the part.
+/// A cloud and a location (exact unless changed) from scans; the sensors stand 200 mm off.
 struct Measured {
   MeasuredCloud cloud;
   Location location;
@@ -129,8 +130,8 @@ inline Measured measure(const std::vector<Scan>& scans, const Pose<frame::Base, 
     c.name = scan.name, c.sensor = 0, c.noise_mm = scan.noise_mm, c.spacing_mm = 0.25;
     Vec3 middle = Vec3::Zero();
     for (const Vec3& p : scan.p_part) middle += p / static_cast<double>(std::max<std::size_t>(1, scan.p_part.size()));
-    c.T_base_sensor = {T_base_part.q * Eigen::Quaterniond(Eigen::AngleAxisd(kPi, Vec3::UnitX())),
-                       T_base_part.point(middle + Vec3(0, 0, 200))};
+    c.T_base_sensor = {T_base_part.q * quat_from_z(-scan.from.normalized(), Vec3::UnitX()),
+                       T_base_part.point(middle + 200 * scan.from.normalized())};
     c.begin = out.cloud.p_base.size();
     const int index = static_cast<int>(out.cloud.captures.size());
     for (std::size_t i = 0; i < scan.p_part.size(); ++i) {
