@@ -33,7 +33,7 @@ std::vector<Cell> associate(const Association& how, const MeasuredCloud& cloud, 
                             const std::vector<int>& all_edges_index) {
   std::vector<std::vector<Vec3>> lines;
   for (const EdgeModel& e : edges) lines.push_back(e.current);
-  const PolylineIndex worked(lines, how.reach_mm * 1.05);
+  const PolylineIndex worked(lines, how.reach_most() * 1.05);
   const Pose<frame::Part, frame::Base> T_part_base = T_base_part.inverse();
 
   std::vector<Member> members(cloud.p_base.size());
@@ -71,7 +71,7 @@ std::vector<Cell> associate(const Association& how, const MeasuredCloud& cloud, 
                 const double side = into.dot(n_other) * other.outward();
                 if ((side > 0) == edge.is_convex) into = -into;
                 const double inside = v.dot(into.normalized());
-                if (inside < how.from_mm || inside > how.reach_mm || std::abs(d) > 0.7 * inside) continue;
+                if (inside < how.from_mm || inside > how.reach_of(slot) || std::abs(d) > 0.7 * inside) continue;
                 const double score = std::abs(d) + 0.02 * inside;
                 if (score < best_score) {
                   best_score = score;

@@ -3,6 +3,7 @@
 // and faces fitted so far. Points near any edge stay out: there burrs live, and a burr must not tilt a face.
 #pragma once
 
+#include <algorithm>
 #include <vector>
 
 #include "planner/artefacts/cloud.hpp"
@@ -37,6 +38,11 @@ struct Association {
   double other_edges_mm = 0;               // distance kept from every other edge of the part
   double gate_mm = 0;                      // largest distance from the face
   double cell_mm = 2.0;
+  /// Faces (by slot) of which too little was seen beside their edge: they are taken up to far_reach_mm into the face.
+  std::vector<char> is_far;
+  double far_reach_mm = 0;
+  double reach_of(int slot) const { return slot < static_cast<int>(is_far.size()) && is_far[slot] ? far_reach_mm : reach_mm; }
+  double reach_most() const { return is_far.empty() ? reach_mm : std::max(reach_mm, far_reach_mm); }
 };
 
 /// Cells in a fixed order (slot, capture, place). Only captures with use[k] are looked at.

@@ -2,6 +2,7 @@
 #include "planner/fit/fit.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "planner/base/number.hpp"
@@ -10,7 +11,11 @@
 namespace asbuilt {
 
 namespace fitting {
+
+constexpr double kFarReach_mm = 45;  // into a face of which little was seen beside its edge
 namespace {
+
+
 
 /// Which captures an edge needs: the finest sensors alone where they saw both its sides, else all.
 std::vector<char> choose_captures(const Setup& setup, const std::vector<Cell>& fine_cells) {
@@ -18,6 +23,22 @@ std::vector<char> choose_captures(const Setup& setup, const std::vector<Cell>& f
   for (const Cell& c : fine_cells) (c.slot == setup.edges[c.edge].slot_1 ? seen[c.edge].first : seen[c.edge].second)++;
   const bool is_enough = std::all_of(seen.begin(), seen.end(), [](const auto& s) { return s.first >= 4 && s.second >= 4; });
   return is_enough ? setup.is_fine : std::vector<char>(setup.captures.size(), 1);
+}
+
+/// Faces of which an edge has too little beside it. A face seen farther in is as good a plane or cylinder; but an edge that
+/// lacks both its faces was not scanned, and stays as it is.
+std::vector<char> choose_far(const Setup& setup, const std::vector<Cell>& cells) {
+  constexpr int kBesideMin = 250;
+  std::vector<std::array<int, 2>> points(setup.edges.size(), {0, 0});
+  for (const Cell& c : cells) points[c.edge][c.slot == setup.edges[c.edge].slot_1 ? 0 : 1] += c.points_count;
+  std::vector<char> far(setup.faces.size(), 0);
+  bool is_any = false;
+  for (std::size_t e = 0; e < setup.edges.size(); ++e)
+    for (const int side : {0, 1})
+      if (points[e][side] < kBesideMin && points[e][1 - side] >= kBesideMin)
+        far[side == 0 ? setup.edges[e].slot_1 : setup.edges[e].slot_2] = 1, is_any = true;
+  if (!is_any) far.clear();
+  return far;
 }
 
 std::vector<Pose<frame::Base, frame::Base>> corrections_of(const Setup& setup) {
@@ -110,14 +131,20 @@ Result<Done<Features>> fit(const FitRecipe& recipe, const Job& job, const Measur
 
   // By the drawing first, far enough from the edges that the part's deviation cannot put a point on the wrong face.
   std::vector<Cell> cells;
-  std::vector<char> use = setup.is_fine;
+  std::vector<char> use = setup.is_fine, far;
   Bundle bundle;
   for (const double margin : {std::min(1.5, recipe.deviation_max_mm), 0.5, 0.1}) {
-    const Association how{setup.band_mm + margin, setup.reach_mm, setup.band_mm + margin, recipe.deviation_max_mm};
+    Association how{setup.band_mm + margin, setup.reach_mm, setup.band_mm + margin, recipe.deviation_max_mm};
+    how.far_reach_mm = kFarReach_mm;
     cells = associate(how, cloud, T, corrections_of(setup), setup.is_fine, setup.edges, setup.faces, setup.all_edges, setup.all_edges_index);
     use = choose_captures(setup, cells);
     if (use != setup.is_fine)
       cells = associate(how, cloud, T, corrections_of(setup), use, setup.edges, setup.faces, setup.all_edges, setup.all_edges_index);
+    far = choose_far(setup, cells);
+    if (!far.empty()) {
+      how.is_far = far;
+      cells = associate(how, cloud, T, corrections_of(setup), use, setup.edges, setup.faces, setup.all_edges, setup.all_edges_index);
+    }
     if (check_seen(setup, cells, job).empty()) break;
   }
   if (Refusals r = check_seen(setup, cells, job); !r.empty()) return refuse_all(std::move(r));
@@ -139,7 +166,8 @@ Result<Done<Features>> fit(const FitRecipe& recipe, const Job& job, const Measur
     }
   }
   for (const FaceModel& f : setup.faces) must(std::isfinite(f.rms_mm), "fit: rms");
-  const Association close{setup.band_mm, setup.reach_mm, setup.band_mm + std::min(moved_most, recipe.deviation_max_mm), 0.5};
+  Association close{setup.band_mm, setup.reach_mm, setup.band_mm + std::min(moved_most, recipe.deviation_max_mm), 0.5};
+  close.is_far = far, close.far_reach_mm = kFarReach_mm;
   cells = associate(close, cloud, T, corrections_of(setup), use, setup.edges, setup.faces, setup.all_edges, setup.all_edges_index);
   bundle = solve_bundle({}, cells, T, setup.faces, setup.captures);
   choose_fields(setup, cells, bundle, T);
