@@ -5,6 +5,10 @@
 
 namespace asbuilt {
 
+namespace {
+constexpr double kCoreBeyond_mm = 1.0, kCoreMargin_mm = 0.2;
+}
+
 std::vector<Watch> CellScene::with_flute(double flute_part_margin_mm) const {
   std::vector<Watch> w = always;
   w.push_back({flute, part, flute_part_margin_mm});
@@ -12,8 +16,8 @@ std::vector<Watch> CellScene::with_flute(double flute_part_margin_mm) const {
 }
 
 CellScene cell_scene(const Robot& robot, const Job& job, const Mesh& part, const Location& location, const ToolSpec& tool, double clearance_mm,
-                     double flute_mm) {
-  CellScene c{CollisionScene(robot), profile_of(tool.cutter), -1, -1, -1, {}, {}};
+                     double flute_mm, double chamfer_mm) {
+  CellScene c{CollisionScene(robot), profile_of(tool.cutter), -1, -1, -1, {}, {}, {}};
   std::vector<int> standing, moving;
   c.part = c.scene.add("part", kMountBase, transformed(location.T_base_part, part));
   standing.push_back(c.part);
@@ -36,6 +40,11 @@ CellScene cell_scene(const Robot& robot, const Job& job, const Mesh& part, const
     for (const int s : standing)
       if (c.scene.mount(*m) != kMountBase) c.always.push_back({*m, s, clearance_mm});
   for (std::size_t k = 1; k < standing.size(); ++k) c.always.push_back({c.flute, standing[k], flute_mm});
+
+  const double off = std::min(chamfer_mm + kCoreBeyond_mm, 0.6 * c.profile.radius_max_mm);
+  const CutterProfile core = shrunk(c.profile, off);
+  if (off > chamfer_mm + 2 * kCoreMargin_mm && !core.outline.empty())
+    c.core.push_back({c.scene.add("cutter core", kMountFlange, transformed(tool.T_flange_tool, cutter_mesh(core, 0, split))), c.part, kCoreMargin_mm});
 
   std::string left_out;
   for (std::size_t i = 0; i < moving.size(); ++i)

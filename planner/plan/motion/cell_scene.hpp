@@ -19,6 +19,9 @@ struct CellScene {
   /// Watches that hold at all times: arm, tool, sensors and shank against part, fixture and obstacles; the arm against itself;
   /// the flute against fixture and obstacles.
   std::vector<Watch> always;
+  /// The part against the core of the cutter, what is left of it when more than the chamfer's depth is taken off: however the path
+  /// runs, the cutter goes nowhere deeper into the part than it has to for its edge, and a little. None for cutters too thin.
+  std::vector<Watch> core;
   std::vector<Note> notes;
 
   /// `always` and the flute against the part.
@@ -26,10 +29,10 @@ struct CellScene {
 };
 
 /// The scene with the tool of a recipe and the part's mesh as measured. `clearance_mm`: everything but the flute; `flute_mm`: the flute against fixture and
-/// obstacles. Pairs of the arm with itself that are nearer than the clearance at home are built that way and are left out (a
+/// obstacles; `chamfer_mm`: how deep the cutter goes into the part at its edge, at most. Pairs of the arm with itself that are nearer than the clearance at home are built that way and are left out (a
 /// note names them); bodies that both stand still are not watched.
 CellScene cell_scene(const Robot& robot, const Job& job, const Mesh& part, const Location& location, const ToolSpec& tool, double clearance_mm,
-                     double flute_mm);
+                     double flute_mm, double chamfer_mm);
 
 /// "tool cone-90 and fixture", for messages.
 std::string pair_name(const CellScene& cell, const Watch& watch);

@@ -51,6 +51,43 @@ double cutter_distance(const CutterProfile& profile, const Vec3& p_tool) {
   return is_inside ? -std::sqrt(d2) : std::sqrt(d2);
 }
 
+CutterProfile shrunk(const CutterProfile& profile, double by_mm) {
+  CutterProfile out;
+  std::vector<double> heights;
+  for (const Vec2& v : profile.outline) heights.push_back(std::clamp(v.y(), by_mm, std::max(by_mm, profile.length_mm - by_mm)));
+  for (int k = 0; k <= 12; ++k) heights.push_back(by_mm + k / 12.0 * std::max(0.0, profile.cutting_height_mm + profile.radius_max_mm - by_mm));
+  std::sort(heights.begin(), heights.end());
+  const auto radius_at = [&](double u) {  // the widest place at this height that is deep enough inside; negative: none
+    if (u > profile.length_mm - by_mm + 1e-9 || cutter_distance(profile, {0, 0, -u}) > -by_mm + 1e-9) return -1.0;
+    double in = 0, beyond = profile.radius_max_mm;
+    for (int k = 0; k < 40; ++k) {
+      const double r = 0.5 * (in + beyond);
+      (cutter_distance(profile, {r, 0, -u}) <= -by_mm ? in : beyond) = r;
+    }
+    return in;
+  };
+  for (const double u : heights) {
+    const double r = radius_at(u);
+    if (r < 0 || (!out.outline.empty() && std::abs(out.outline.back().y() - u) < 1e-9)) continue;
+    if (!out.outline.empty()) {  // a neck between two heights: no chord across it
+      const Vec2 before = out.outline.back();
+      const double middle = radius_at(0.5 * (before.y() + u));
+      if (middle < 0.5 * (before.x() + r) - 1e-6) {
+        const double least = std::max(0.0, std::min({before.x(), middle, r}));
+        out.outline.emplace_back(least, before.y());
+        out.outline.emplace_back(least, u);
+      }
+    }
+    out.outline.emplace_back(r, u);
+    out.radius_max_mm = std::max(out.radius_max_mm, r), out.length_mm = u;
+  }
+  if (out.outline.size() < 2) return {};
+  out.cutting_height_mm = std::min(profile.cutting_height_mm, out.length_mm);
+  out.outline.insert(out.outline.begin(), Vec2(0, out.outline.front().y()));
+  out.outline.emplace_back(0, out.outline.back().y());
+  return out;
+}
+
 Mesh cutter_mesh(const CutterProfile& profile, double from_mm, double to_mm) {
   Mesh m;
   if (!(to_mm > from_mm)) return m;

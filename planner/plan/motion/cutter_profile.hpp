@@ -19,6 +19,9 @@ CutterProfile profile_of(const Cutter& cutter);
 /// Distance of the point from the solid's surface, negative inside. Exact for the outline.
 double cutter_distance(const CutterProfile& profile, const Vec3& p_tool);
 
+/// What is left of the solid when `by_mm` is taken off all round; empty outline where nothing is.
+CutterProfile shrunk(const CutterProfile& profile, double by_mm);
+
 /// The part of the solid between two heights, as a closed mesh that holds it (facets outside the true surface), in tool.
 Mesh cutter_mesh(const CutterProfile& profile, double from_mm, double to_mm);
 

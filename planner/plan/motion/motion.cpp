@@ -62,6 +62,12 @@ double highest_burr_mm(const Burrs& burrs) {
   return h;
 }
 
+double deepest_chamfer_mm(const Job& job) {
+  double d = 0;
+  for (const Recipe& r : job.recipes) d = std::max(d, r.width_mm + r.tolerance_mm);
+  return d;
+}
+
 const ToolPose* reference_of(const std::string& feature, const Location& location, const Features& features) {
   for (const auto* m : {&features.T_base_tool_reference, &location.T_base_tool_reference})
     for (const std::string& key : {feature, std::string()})
@@ -87,6 +93,20 @@ std::vector<double> emitted_feeds(const std::vector<PassStation>& stations, cons
     least = 1e9;
   }
   return out;
+}
+
+/// The posture at a reference pose: in the branch of the feature's capture that it was taken from, else the one nearest to home.
+std::optional<JointVector> reference_posture(const Robot& robot, const Job& job, const std::string& feature,
+                                             const Pose<frame::Base, frame::Flange>& T_base_flange) {
+  JointVector near = robot.spec().home_rad;
+  double least = rad_from_deg(20);
+  for (const Capture& c : job.captures) {
+    const double turn = c.T_base_flange.q.angularDistance(T_base_flange.q);
+    if (!c.feature || *c.feature != feature || turn >= least) continue;
+    const auto q = c.q_rad ? std::optional<JointVector>(*c.q_rad) : robot.inverse_near(c.T_base_flange, robot.spec().home_rad);
+    if (q) near = *q, least = turn;
+  }
+  return robot.inverse_near(T_base_flange, near);
 }
 
 class Assembly {
@@ -169,7 +189,9 @@ Result<Done<Motion>> plan_motion(const MotionRecipe& recipe, const Job& job, con
     must(process && tool, "a pass whose recipe or tool is not in the job");
     must(pass.points.size() >= 2, "a pass with fewer than two points");
     if (!cells.count(pass.tool)) {
-      ToolCell c{cell_scene(robot, job, part, location, *tool, recipe.clearance_mm, kFluteFixture_mm + job.cell.robot.accuracy.absolute.mean_mm), {}};
+      ToolCell c{cell_scene(robot, job, part, location, *tool, recipe.clearance_mm, kFluteFixture_mm + job.cell.robot.accuracy.absolute.mean_mm,
+                            deepest_chamfer_mm(job)),
+                 {}};
       if (reference_of(pass.feature, location, features)) c.errors.emplace(robot, tool->T_flange_tool);
       done.notes.insert(done.notes.end(), c.cell.notes.begin(), c.cell.notes.end());
       const std::vector<Watch> at_home = c.cell.with_flute(recipe.clearance_mm);
@@ -204,7 +226,7 @@ Result<Done<Motion>> plan_motion(const MotionRecipe& recipe, const Job& job, con
     task.flute_near_mm = std::min(5.0 + 1.5 * burr_mm, task.approach_mm);
     if (const ToolPose* T = reference_of(pass.feature, location, features)) {
       task.x_hint = T->direction(Vec3::UnitX());
-      task.q_reference = robot.inverse_near(*T * tool->T_flange_tool.inverse(), home);
+      task.q_reference = reference_posture(robot, job, pass.feature, *T * tool->T_flange_tool.inverse());
     } else {
       task.x_hint = (robot.forward(home) * tool->T_flange_tool).direction(Vec3::UnitX());
     }

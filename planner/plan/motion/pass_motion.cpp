@@ -110,13 +110,15 @@ Attempt realize(const PassTask& task, const PassTools& tools, const std::vector<
     const int a = cell.scene.mount(w.a), b = cell.scene.mount(w.b);
     return std::min(a, b) == kMountBase && std::max(a, b) == kMountFlange;
   };
-  const Certificate c = cell.scene.certify(cell.always, {m.cut, true});
-  if (!c.is_free) {
-    out.station = c.block, out.is_turn_blocked = blocks_turn(cell.always[static_cast<std::size_t>(c.watch)]);
-    trouble.add(5, collision(task, cell, cell.always, c, "motion.collision", place(task, c.block), "while cutting"));
-    return out;
+  for (const auto* watches : {&cell.always, &cell.core}) {
+    const Certificate c = cell.scene.certify(*watches, {m.cut, true});
+    if (!c.is_free) {
+      out.station = c.block, out.is_turn_blocked = blocks_turn((*watches)[static_cast<std::size_t>(c.watch)]);
+      trouble.add(5, collision(task, cell, *watches, c, "motion.collision", place(task, c.block), "while cutting"));
+      return out;
+    }
+    if (watches == &cell.always) m.cut_clearance_mm = c.clearance_mm;  // the core's nearness is the cut's own
   }
-  m.cut_clearance_mm = c.clearance_mm;
 
   std::array<std::vector<JointVector>, 2> ways;
   std::array<double, 2> clearance{};

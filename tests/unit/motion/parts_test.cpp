@@ -43,6 +43,23 @@ TEST(CutterProfile, MeshHoldsTheSolidAndLittleMore) {
   }
 }
 
+TEST(CutterProfile, ShrunkIsInsideByAsMuch) {
+  Random random = Random::stream(54, "core");
+  for (const Cutter& c : {Cutter{CutterShape::cone, kPi / 2, 1, 8, 55, 8, 4}, Cutter{CutterShape::ball, 0, 0, 6, 50, 6, 2},
+                          Cutter{CutterShape::cylinder, 0, 0, 12, 60, 10, 3}}) {
+    const CutterProfile p = profile_of(c), core = shrunk(p, 1.2);
+    ASSERT_GE(core.outline.size(), 3u);
+    for (int k = 0; k < 2000; ++k) {
+      const Vec3 v(random.uniform(-6, 6), random.uniform(-6, 6), random.uniform(-12, 1));
+      if (cutter_distance(core, v) < 0) {
+        EXPECT_LE(cutter_distance(p, v), -1.2 + 1e-6);
+      } else if (cutter_distance(core, v) > 0.1 && v.z() > -9) {
+        EXPECT_GE(cutter_distance(p, v), -1.2 - 1e-6);
+      }
+    }
+  }
+}
+
 TEST(ScannedPart, MovesWithItsEdgesAndOnlyNearThem) {
   auto c = test::small_cell();
   for (Vec3& p : c.features.edges[0].adapted) p += Vec3(0, -0.7, 0.2);

@@ -60,6 +60,15 @@ TEST(MotionRefusals, AClampOverTheEdge) {
   EXPECT_LT(r.measured, r.limit);
 }
 
+TEST(MotionRefusals, APathThatDigsIntoThePart) {
+  SmallCell c = small_cell();
+  for (PathPoint& p : c.path.passes[0].points)
+    if (p.kind == PathPointKind::cut && std::abs(p.s_mm - 50) < 1) p.tip_part += Vec3(0, 2.5, 0);
+  const Refusal r = refusal_of(c);
+  EXPECT_EQ(r.code, "motion.collision");
+  EXPECT_NE(r.message.find("cutter core and part"), std::string::npos) << r.message;
+}
+
 TEST(MotionRefusals, HomeInsideAnObstacle) {
   SmallCell c = small_cell();
   c.job.cell.obstacles.push_back({"hall", test::box_mesh({-4000, -4000, -500}, {4000, 4000, 4000})});
