@@ -83,7 +83,7 @@ std::vector<Capture> captures_of(Item& item, const CellSpec& cell) {
         }
       }
       c.q_rad = q;
-      if (is_inside && item.depth == Depth::all && item.cell.out.faults.empty()) {
+      if (is_inside && item.depth == Depth::all && item.has_kinematics && item.cell.out.faults.empty()) {
         if (!robot) {
           auto made = Robot::from(cell.robot);
           if (!made) {

@@ -58,6 +58,7 @@ void add_urdf(Item& item, YamlSource<CellFile>& s, RobotSpec& robot) {
       item.note("input.joint_limits_wider", fmt::format("joint {} may move from {:g} to {:g} degree, in the URDF only from {:.1f} to {:.1f}", j + 1, t.min_deg, t.max_deg, low, high), s.out.where(index("robot.joints", j)));
   }
   robot.kinematics = std::move(urdf.kinematics);
+  item.has_kinematics = true;
   if (!s.value.robot.links.empty()) return;
   Readout naming{.name = item.sources.name_of(*file)};
   for (UrdfShape& shape : urdf.shapes) {
@@ -84,6 +85,7 @@ RobotSpec robot_of(Item& item, YamlSource<CellFile>& s) {
       if (o.signs[j] == 0) s.out.fault("input.out_of_range", "robot.kinematics.opw." + index("signs", j), "found 0, allowed 1 or -1");
     }
     robot.kinematics = p;
+    item.has_kinematics = s.out.faults.empty();
   }
   add_urdf(item, s, robot);
   if (!t.joints.empty() && t.joints.size() != 6) s.out.fault("input.wrong_type", "robot.joints", "found " + std::to_string(t.joints.size()) + " joints, allowed 6", double(t.joints.size()), 6, "joints");
@@ -211,7 +213,7 @@ void apply_calibration(Item& item, CellSpec& cell, const std::string& taken) {
     if (age > c.valid_days)
       s.out.fault("input.calibration_expired", "valid_days", fmt::format("found a calibration of {} that is {} days old on {}, allowed {} days; calibrate again", c.created.substr(0, 10), age, taken, c.valid_days), double(age), double(c.valid_days), "days");
     if (age < 0) item.note("input.calibration_after_scans", fmt::format("the calibration was made {} days after the scans", -age), s.out.where("created"));
-  } else if (made && !day) {
+  } else if (made && !day && !item.scans.out.lines.count("taken")) {
     s.out.fault("input.date_missing", "valid_days", "found no day of the scans to measure the calibration's age at; write `taken` into the scans file");
   }
   for (const auto& [id, t] : c.sensors) {

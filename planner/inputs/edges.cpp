@@ -44,11 +44,24 @@ struct Choice {
   bool needs_convex;
   std::set<int> edges;
 
+  /// What the CAD reader could not read exactly at the edge or its faces; empty where all is exact.
+  std::string unread(int index) const {
+    const BrepEdge& e = brep.edges[std::size_t(index)];
+    std::string text = e.fault;
+    for (const int f : {e.face_1, e.face_2})
+      if (text.empty() && f >= 0) text = brep.faces[std::size_t(f)].fault;
+    return text;
+  }
+
   void fault(const char* code, const std::string& field, const std::string& message, double measured = 0, double limit = 0, const char* unit = "") { item.part.out.fault(code, field, message, measured, limit, unit); }
 
   /// Takes an edge that was named by itself.
   void take(int index, const std::string& field) {
     const BrepEdge& e = brep.edges[std::size_t(index)];
+    if (const std::string why = unread(index); !why.empty()) {
+      fault("input.edge_unread", field, "found edge " + e.id + ", which the CAD reader could not read exactly (" + why + "); export the part again or choose other edges");
+      return;
+    }
     if (e.kind == EdgeKind::sharp_convex || (e.kind == EdgeKind::sharp_concave && !needs_convex)) {
       edges.insert(index);
       return;
@@ -57,10 +70,16 @@ struct Choice {
           fmt::format("found edge {} which is {} ({:.2f} degree between its faces), allowed a sharp {}edge of at least 10 degree", e.id, name_of(e.kind), deg_from_rad(e.dihedral_rad), needs_convex ? "convex " : ""), deg_from_rad(e.dihedral_rad), 10, "degree");
   }
 
+  /// An edge whose kind could not be told because something beside it was not read.
+  bool is_hidden(int index) const {
+    const EdgeKind k = brep.edges[std::size_t(index)].kind;
+    return !unread(index).empty() && k != EdgeKind::smooth && k != EdgeKind::near_tangent && k != EdgeKind::sharp_concave;
+  }
+
   void near(const Vec3& p, const std::string& field) {
     std::vector<std::pair<double, int>> order;
     for (std::size_t i = 0; i < brep.edges.size(); ++i)
-      if (is_sharp(brep.edges[i]) && !brep.edges[i].is_seam) order.emplace_back(distance_to(brep.edges[i], p), int(i));
+      if ((is_sharp(brep.edges[i]) || !unread(int(i)).empty()) && !brep.edges[i].is_seam) order.emplace_back(distance_to(brep.edges[i], p), int(i));
     if (order.empty()) {
       fault("input.no_edge", field, "found no sharp edge in the part");
       return;
@@ -92,7 +111,7 @@ struct Choice {
     }
     std::size_t count = 0;
     for (const int e : face->edges)
-      if (brep.edges[std::size_t(e)].kind == EdgeKind::sharp_convex) edges.insert(e), ++count;
+      if (brep.edges[std::size_t(e)].kind == EdgeKind::sharp_convex || is_hidden(e)) take(e, field), ++count;
     if (count == 0) fault("input.no_edge", field, "found no sharp convex edge at face " + shown(id) + ", allowed a face with at least one");
   }
 };
@@ -120,19 +139,12 @@ std::vector<int> choose_edges(Item& item, const Brep& brep, const FeatureText& f
     low.array() -= 1e-6, high.array() += 1e-6;
     for (std::size_t i = 0; i < brep.edges.size(); ++i) {
       const BrepEdge& e = brep.edges[i];
-      if (e.kind != EdgeKind::sharp_convex || e.p.empty()) continue;
-      if (std::all_of(e.p.begin(), e.p.end(), [&](const Vec3& p) { return (p.array() >= low.array()).all() && (p.array() <= high.array()).all(); })) c.edges.insert(int(i));
+      if ((e.kind != EdgeKind::sharp_convex && !c.is_hidden(int(i))) || e.p.empty()) continue;
+      if (std::all_of(e.p.begin(), e.p.end(), [&](const Vec3& p) { return (p.array() >= low.array()).all() && (p.array() <= high.array()).all(); })) c.take(int(i), field + ".sharp_convex");
     }
   }
   if (c.edges.empty() && item.part.out.faults.size() == before && (t.near_mm || t.step || t.faces || t.sharp_convex))
     c.fault("input.no_edge", field, "found no sharp convex edge for feature '" + feature.id + "', allowed at least one; widen the box or name points on the edges");
-  for (const int i : c.edges) {
-    const BrepEdge& e = brep.edges[std::size_t(i)];
-    std::string fault = e.fault;
-    for (const int f : {e.face_1, e.face_2})
-      if (fault.empty() && f >= 0) fault = brep.faces[std::size_t(f)].fault;
-    if (!fault.empty()) c.fault("input.edge_unread", field, "found edge " + e.id + ", which the CAD reader could not read exactly (" + fault + "); export the part again or choose other edges");
-  }
   return {c.edges.begin(), c.edges.end()};
 }
 

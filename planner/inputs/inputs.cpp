@@ -139,7 +139,7 @@ Result<Done<CellSpec>> load_cell(const fs::path& file, const InputsRecipe& recip
   item.cell.file = full;
   item.cell.out.name = item.sources.name_of(full);
   item.cell.value = read_yaml<CellFile>(*bytes, item.cell.out);
-  item.cell.is_read = item.cell.out.lines.count("asbuilt") > 0;
+  item.cell.is_read = item.cell.out.is_of_kind;
   CellSpec cell = cell_of(item, item.cell);
   if (Refusals faults = all_faults(item); !faults.empty()) return refuse_all(std::move(faults));
   return Done<CellSpec>{std::move(cell), std::move(item.notes)};

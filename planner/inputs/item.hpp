@@ -26,6 +26,7 @@ struct Item {
   YamlSource<PartFile> part;
   YamlSource<FixtureFile> fixture;
   YamlSource<ScansFile> scans;
+  bool has_kinematics = false;  // the arm's model was read without a fault
   std::vector<Note> notes;
   Refusals faults;  // of files that are no YAML: each names its file itself
 

@@ -2,6 +2,9 @@
 // Recipes, fixture and part: units turned to rad, CAD read, features bound to its edges.
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <cmath>
+#include <map>
 #include <set>
 
 #include "planner/inputs/item.hpp"
@@ -47,11 +50,13 @@ Brep cad_of(Item& item) {
     item.notes.insert(item.notes.end(), read->notes.begin(), read->notes.end());
     for (std::size_t i = 0; i < brep.unread.size() && i < 20; ++i)
       item.note("input.cad_unread", brep.unread[i].entity + ": " + brep.unread[i].why, name + ":" + std::to_string(brep.unread[i].line));
-    if (t.units && !brep.units.empty() && std::abs(mm_of(*t.units) - 1) > 1e-9 && brep.units == "mm")
+    static const std::map<std::string, double> known{{"mm", 1}, {"cm", 10}, {"m", 1000}, {"inch", 25.4}, {"in", 25.4}};
+    if (const auto of_file = known.find(brep.units); t.units && of_file != known.end() && of_file->second != mm_of(*t.units))
       s.out.fault("input.units_contradict", "units", "found a unit that is not the one in " + name + " (" + brep.units + "); remove it, STEP carries its own");
   } else {
     const std::optional<double> own = mesh_unit_mm(*bytes, name);
     if (!own && !t.units) {
+      s.out.lines.try_emplace("units", s.out.lines["cad"]);
       s.out.fault("input.units_missing", "units", "found no unit for " + name + ", whose format carries none; allowed mm | cm | m | inch");
       return {};
     }
@@ -159,7 +164,8 @@ PartSpec part_of(Item& item, const std::vector<Recipe>& recipes) {
       s.out.fault("input.unknown_recipe", at + ".recipe", "found the recipe '" + f.recipe + "', allowed one of the batch: " + known);
     }
     FeatureSpec feature{f.id, f.recipe, {}};
-    if (item.depth == Depth::all && !part.brep.edges.empty()) feature.edges = choose_edges(item, part.brep, f, at + ".edges", recipe && recipe->process == Process::deburr);
+    const bool are_edges_read = std::none_of(s.out.faults.begin(), s.out.faults.end(), [&](const Refusal& r) { return r.where.find(": " + at + ".edges") != std::string::npos; });
+    if (item.depth == Depth::all && !part.brep.edges.empty() && are_edges_read) feature.edges = choose_edges(item, part.brep, f, at + ".edges", recipe && recipe->process == Process::deburr);
     for (const int e : feature.edges) {
       const Process process = recipe ? recipe->process : Process::scan;
       const auto [it, is_new] = owner.try_emplace(e, f.id, process);

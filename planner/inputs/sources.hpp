@@ -52,7 +52,7 @@ YamlSource<T> read_source(Sources& sources, Readout& naming, const std::string& 
   const auto bytes = sources.read(naming, field, *file);
   if (!bytes) return s;
   s.value = read_yaml<T>(*bytes, s.out);
-  s.is_read = s.out.lines.count("asbuilt") > 0;
+  s.is_read = s.out.is_of_kind;
   return s;
 }
 

@@ -105,7 +105,6 @@ bool MapReader::is_required(const Field& f) const {
 }
 
 void MapReader::missing(const char* name, bool has_key, const Field& f) {
-  if (has_key) out_.lines[child(name)] = key_line_[name];
   out_.fault("input.missing_key", child(name), std::string(has_key ? "found no value" : "found nothing") + ", allowed: " + std::string(f.doc.empty() ? "a value" : f.doc) + (f.unit.empty() ? "" : " (" + std::string(f.unit) + ")"));
 }
 
@@ -162,7 +161,7 @@ bool MapReader::header(std::string_view kind) {
   }
   mark(out_, *node, "asbuilt");
   const std::string found = node->Scalar();
-  if (found == want) return true;
+  if (found == want) return out_.is_of_kind = true;
   const std::size_t slash = found.find('/');
   if (slash != std::string::npos && found.substr(0, slash) == kind)
     out_.fault("input.version_unknown", "asbuilt", "found '" + shown(found) + "', allowed '" + want + "': this program reads version 1 only");

@@ -24,6 +24,7 @@ struct Readout {
   std::map<std::string, int> lines;  // field -> line, from 1
   Refusals faults;
   std::size_t nodes_count = 0;
+  bool is_of_kind = false;           // the file is there and its first line is right; single fields may be faulty
 
   /// "part.yaml:12: features[0].recipe"; the line of the nearest parent where the field itself is not in the file.
   std::string where(const std::string& field) const;
@@ -62,6 +63,7 @@ class MapReader {
   template <class T>
   void operator()(const char* name, T& value, const Field& f) {
     const YAML::Node* node = take(name);
+    if (node) out_.lines[child(name)] = key_line_[name];
     if (!node || (node->IsNull() && !f.empty_means_present)) {
       if (is_required(f)) missing(name, node != nullptr, f);
       return;
@@ -97,6 +99,7 @@ class MapReader {
 };
 
 // The leaves. Each says itself what is wrong.
+/// Notes the line of a value; the line of its key, where it has one, is noted already and stays.
 void mark(Readout& out, const YAML::Node& node, const std::string& field);
 void read_number(Readout&, const YAML::Node&, const std::string& field, const Field&, double& value);
 void read_integer(Readout&, const YAML::Node&, const std::string& field, const Field&, int& value);
@@ -156,6 +159,7 @@ void MapReader::read(Readout& out, const YAML::Node& node, const std::string& fi
         out.fault(key.empty() ? "input.wrong_type" : "input.duplicate_key", field, key.empty() ? "found a key that is no name, allowed names" : "found the key '" + key + "' twice, allowed once");
         continue;
       }
+      out.lines[field + "." + key] = entry.first.Mark().line + 1;
       read(out, entry.second, field + "." + key, f, value[key]);
     }
   } else {

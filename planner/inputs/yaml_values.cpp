@@ -77,7 +77,7 @@ std::string shown(std::string_view text) {
 
 void mark(Readout& out, const YAML::Node& node, const std::string& field) {
   if (++out.nodes_count == kNodesLimit) out.fault("input.too_large", field, "the file stands for too many values");
-  if (node.Mark().line >= 0) out.lines[field] = node.Mark().line + 1;
+  if (node.Mark().line >= 0) out.lines.try_emplace(field, node.Mark().line + 1);
 }
 
 bool expect_list(Readout& out, const YAML::Node& node, const std::string& field, std::size_t count, bool or_more) {

@@ -146,6 +146,20 @@ TEST(Cloud, what_is_written_is_read) {
   }
 }
 
+TEST(File, is_written_whole_or_refused) {
+  const fs::path folder = fs::path(testing::TempDir()) / "asbuilt_io_file";
+  fs::remove_all(folder);
+  const auto written = write_file(folder / "deep/a.txt", "hello");
+  ASSERT_TRUE(written);
+  EXPECT_EQ(written->bytes_count, 5u);
+  EXPECT_EQ(*read_file(folder / "deep/a.txt", "a"), "hello");
+  EXPECT_FALSE(fs::exists(folder / "deep/a.txt.part"));
+  const auto blocked = write_file(folder / "deep/a.txt/b.txt", "x");
+  ASSERT_FALSE(blocked);
+  EXPECT_EQ(blocked.error()[0].code, "input.file_unwritable");
+  fs::remove_all(folder);
+}
+
 struct RealCloud {
   const char* file;
   std::size_t points, dropped;

@@ -133,6 +133,7 @@ TEST(Mesh, faults_are_named) {
   for (std::size_t n = 200; n < ply.size(); n += 7) EXPECT_EQ(code(ply.substr(0, n), "a.ply"), "input.mesh_truncated") << n;
   EXPECT_EQ(code(text.substr(0, text.size() / 2), "a.stl"), "input.mesh_truncated");
   EXPECT_EQ(code("solid nothing\nendsolid nothing\n", "a.stl"), "input.mesh_broken");
+  EXPECT_EQ(code("solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 0 0 0\nvertex 0 0 0\nendloop\nendfacet\nendsolid a\n", "a.stl"), "input.mesh_empty");
   EXPECT_EQ(code("hello", "a.docx"), "input.mesh_format");
   EXPECT_EQ(code("hello", "noextension"), "input.mesh_format");
   EXPECT_EQ(code("v 0 0 0\n", "a.obj").substr(0, 10), "input.mesh");
