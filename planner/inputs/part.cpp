@@ -7,6 +7,7 @@
 #include <map>
 #include <set>
 
+#include "planner/geom/mesh_brep.hpp"
 #include "planner/inputs/item.hpp"
 #include "planner/io/mesh_file.hpp"
 #include "planner/io/step/step_reader.hpp"
@@ -19,6 +20,12 @@ constexpr SizeGate kPartGate{1, 1e4, "a part"};
 constexpr SizeGate kFixtureGate{1, 1e5, "a fixture"};
 
 std::string index(const char* list, std::size_t i) { return std::string(list) + "[" + std::to_string(i) + "]"; }
+
+std::string_view word_of(LengthUnit u) {
+  for (const auto& [word, unit] : Words<LengthUnit>::list)
+    if (unit == u) return word;
+  return "";
+}
 
 bool is_step(std::string_view bytes, const std::filesystem::path& file) {
   std::string e = file.extension().string();
@@ -70,8 +77,11 @@ Brep cad_of(Item& item) {
       item.faults.insert(item.faults.end(), mesh.error().begin(), mesh.error().end());
       return {};
     }
-    s.out.fault("input.mesh_cad_not_supported", "cad", "found a mesh as CAD, allowed STEP");
-    return {};
+    brep = brep_from_mesh(mesh->mesh);
+    brep.schema = file->extension().string();
+    brep.units = own ? fmt::format("{:g} mm", *own) : std::string(word_of(*t.units));
+    if (mesh->dropped_count) item.note("input.mesh_dropped", std::to_string(mesh->dropped_count) + " triangles with a NaN or infinite corner were dropped", name);
+    if (brep.open_edges_count) item.note("input.cad_open", std::to_string(brep.open_edges_count) + " edges of the mesh have one triangle only: the shape is not closed", name);
   }
   const double size = brep.box.is_empty() ? brep.mesh.box().diagonal_mm() : brep.box.diagonal_mm();
   if (size < kPartGate.min_mm || size > kPartGate.max_mm)

@@ -167,7 +167,8 @@ Json file_schema() {
   o["$schema"] = "https://json-schema.org/draft/2020-12/schema";
   o["title"] = std::string("asbuilt: ") + std::string(File::kind) + "/1";
   o["description"] = File::title;
-  for (auto& [key, value] : w.object().items()) o[key] = value;
+  const Json object = w.object();
+  for (const auto& [key, value] : object.items()) o[key] = value;
   if (const std::string text = o.dump(); text.find("#/$defs/pose") != std::string::npos || text.find("#/$defs/robot_pose") != std::string::npos)
     o["$defs"] = {{"pose", pose_schema(false)}, {"robot_pose", pose_schema(true)}};
   return o;

@@ -36,12 +36,9 @@ TEST_P(SharedBatch, loads) {
     EXPECT_GT(c.T_base_flange.p_mm.norm(), 500);
   }
   EXPECT_EQ(job_inputs_hash(batch->artefact, id, {}), job_inputs_hash(batch->artefact, id, {}));
-  for (const Note& n : job->notes) std::cout << n.code << " | " << n.where << " | " << n.text << "\n";
-  for (const FeatureSpec& f : j.part.features) {
-    std::cout << f.id << ":";
-    for (const int e : f.edges) std::cout << " " << j.part.brep.edges[std::size_t(e)].id;
-    std::cout << "\n";
-  }
+  EXPECT_TRUE(job->notes.empty());
+  for (const FeatureSpec& f : j.part.features)
+    for (const int e : f.edges) EXPECT_EQ(j.part.brep.edges[std::size_t(e)].kind, EdgeKind::sharp_convex);
 }
 
 INSTANTIATE_TEST_SUITE_P(Inputs, SharedBatch, testing::Values("ring", "bracket", "casting"));
