@@ -10,38 +10,45 @@
 namespace asbuilt {
 
 namespace {
-constexpr double kRootWidthMm = 0.2;       // thickness at the root where none was measured
+constexpr double kRootWidthMm = 0.2;       // thickness where none was measured
+constexpr double kThinMm = 0.1;            // below this height a cross-section says little
+constexpr std::size_t kRatiosLeastCount = 20, kAroundCount = 8;  // stations for a thickness; stations to either side: 4 mm
 constexpr double kLeanLow = 0.7, kLeanHigh = 1.42;  // extent along the chamfer's normal per ISO height: fin along a face, along the bisector
 constexpr double kCycleS = 0.012;          // slowest interpolation cycle among the controllers
 constexpr double kStepRatio = 0.05;        // a block's feed may lie this far under its points' limits
 constexpr double kTurnMaxRad = 0.07;       // 4 degrees of tool axis a block
 
-double median_of(std::vector<double> v) {
-  if (v.empty()) return 0;
-  std::nth_element(v.begin(), v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2), v.end());
-  return v[v.size() / 2];
-}
 }  // namespace
 
-std::vector<BurrBound> burr_bounds(const EdgeBurr& burr, double burr_max_height_mm) {
+double burr_thickness_mm(const std::vector<const EdgeBurr*>& burrs) {
+  std::vector<double> ratios;
+  for (const EdgeBurr* b : burrs)
+    for (std::size_t i = 0; i < b->height_mm.size(); ++i) {
+      const double h = b->height_mm[i], a = b->area_mm2[i];
+      if (std::isfinite(h) && std::isfinite(a) && h > kThinMm && a > 0) ratios.push_back(a / h);
+    }
+  if (ratios.size() < kRatiosLeastCount) return kRootWidthMm;
+  const auto k = static_cast<std::ptrdiff_t>(0.9 * static_cast<double>(ratios.size() - 1));
+  std::nth_element(ratios.begin(), ratios.begin() + k, ratios.end());
+  return ratios[static_cast<std::size_t>(k)];
+}
+
+std::vector<BurrBound> burr_bounds(const EdgeBurr& burr, double burr_max_height_mm, double thickness_mm) {
   const std::size_t n = burr.height_mm.size();
   must(burr.height_upper_mm.size() == n && burr.area_mm2.size() == n && burr.width_mm.size() == n, "burr arrays are not parallel");
-  std::vector<double> widths;
-  for (double w : burr.width_mm)
-    if (std::isfinite(w) && w > 0) widths.push_back(w);
-  const double typical = widths.empty() ? kRootWidthMm : median_of(widths);
   std::vector<BurrBound> out(n);
   for (std::size_t i = 0; i < n; ++i) {
-    const double height = burr.height_mm[i], upper = burr.height_upper_mm[i], area = burr.area_mm2[i];
-    const double root = std::isfinite(burr.width_mm[i]) && burr.width_mm[i] > 0 ? burr.width_mm[i] : typical;
+    const double height = burr.height_mm[i], upper = burr.height_upper_mm[i];
     if (std::isfinite(height)) {
-      const double bound = std::isfinite(upper) ? std::max(upper, height) : height;
-      out[i].height_mm = std::max(bound, 0.0);
-      out[i].area_mm2 = (std::isfinite(area) ? std::max(area, 0.0) : root * std::max(height, 0.0)) + root * std::max(bound - height, 0.0);
+      out[i].height_mm = std::max(std::isfinite(upper) ? std::max(upper, height) : height, 0.0);
     } else {
       out[i].height_mm = std::isfinite(upper) ? std::max(upper, 0.0) : burr_max_height_mm;
-      out[i].area_mm2 = root * out[i].height_mm;
     }
+    double area = 0, heights = 0;
+    for (std::size_t k = i - std::min(i, kAroundCount); k <= std::min(i + kAroundCount, n - 1); ++k)
+      if (std::isfinite(burr.height_mm[k]) && std::isfinite(burr.area_mm2[k]) && burr.height_mm[k] > kThinMm)
+        area += std::max(burr.area_mm2[k], 0.0), heights += burr.height_mm[k];
+    out[i].area_mm2 = out[i].height_mm * std::max(thickness_mm, heights > 0 ? area / heights : 0.0);
   }
   return out;
 }

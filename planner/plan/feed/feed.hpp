@@ -14,8 +14,11 @@ namespace asbuilt {
 struct BurrBound {
   double height_mm = 0, area_mm2 = 0;
 };
-/// Parallel to the burr's stations. The area of what lies between the measured height and its upper bound is root width times height.
-std::vector<BurrBound> burr_bounds(const EdgeBurr& burr, double burr_max_height_mm);
+/// Cross-section per height of the burrs of one feature, mm: what nine of ten measured stations stay under. A single station's
+/// thickness is poorly measured, its height well: so the feed follows the height, and the thickness is that of the kind of burr.
+double burr_thickness_mm(const std::vector<const EdgeBurr*>& burrs);
+/// Parallel to the burr's stations: upper bound of the height, times the thickness or what was measured around the station if that is more.
+std::vector<BurrBound> burr_bounds(const EdgeBurr& burr, double burr_max_height_mm, double thickness_mm);
 
 /// Fastest TCP speed by recipe and chip load alone, mm/s.
 double feed_ceiling_mm_s(const Recipe& recipe, const Cutter& cutter);

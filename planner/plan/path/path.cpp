@@ -28,6 +28,7 @@ struct FeatureWork {
   std::vector<int> edges;  // indices into Features::edges
   Vec3 up_wanted = Vec3::UnitZ();
   double contact_ratio = 0.5;
+  double burr_thickness_mm = 0.2;
 };
 
 EdgeStation station_of(const AdaptedEdge& e, std::size_t i, bool is_reversed) {
@@ -242,6 +243,9 @@ class Planner {
     w.contact_ratio = recipe_.contact_height_ratio;
     for (int k = 0; k < static_cast<int>(features_.edges.size()); ++k)
       if (edge(k).feature == f.id) w.edges.push_back(k);
+    std::vector<const EdgeBurr*> burrs;
+    for (int k : w.edges) burrs.push_back(&burr(k));
+    w.burr_thickness_mm = burr_thickness_mm(burrs);
     for (int k : w.edges) prepare_edge(w, k);
     return refusals_.size() == before && !w.edges.empty();
   }
@@ -289,7 +293,7 @@ class Planner {
     const GateResult g = judge_edge(e, at, r, gate_terms(job_, *w.tool, R_part_tool, r.path_tolerance_mm), recipe_.damage_mm);
     EdgeFacts& facts = facts_[static_cast<std::size_t>(k)];
     facts.probability_ratio = g.probability_ratio;
-    facts.burr = burr_bounds(burr(k), r.burr_max_height_mm);
+    facts.burr = burr_bounds(burr(k), r.burr_max_height_mm, w.burr_thickness_mm);
     facts.shift.resize(n);
     for (std::size_t i = 0; i < n; ++i) facts.shift[i] = e.adapted[i] - e.nominal[i];
     out_.artefact.edge_probability_ratio[static_cast<std::size_t>(k)] = g.whole_ratio;

@@ -114,7 +114,7 @@ TEST(Path, a_larger_burr_never_gives_a_larger_feed) {
   World w = box_world();
   const auto small = plan(w);
   for (std::size_t k = 0; k < 4; ++k)
-    w.burrs.edges[k] = make_burr(w.features.edges[k], [&](double s) { return 0.1 + (s > 15 && s < 25 ? 0.5 : 0.0); });
+    w.burrs.edges[k] = make_burr(w.features.edges[k], [&](double s) { return 0.15 + (s > 15 && s < 25 ? 0.5 : 0.0); });
   const auto large = plan(w);
   ASSERT_TRUE(small && large);
   for (std::size_t k = 0; k < 4; ++k) {

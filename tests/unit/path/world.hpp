@@ -82,7 +82,7 @@ struct World {
   Location location;
   Features features;
   Burrs burrs;
-  void add(const AdaptedEdge& e, double burr_mm = 0.1) {
+  void add(const AdaptedEdge& e, double burr_mm = 0.15) {
     features.edges.push_back(e);
     burrs.edges.push_back(make_burr(e, [&](double) { return burr_mm; }));
   }
