@@ -30,6 +30,19 @@ const std::set<std::string>& known_traps() {
   return t;
 }
 
+/// The posture a programmer would teach: near home, above all in the arm's first three joints.
+std::optional<JointVector> posture(const Robot& robot, const BaseFlange& T) {
+  const double weight[6] = {1.5, 1.5, 1.2, 0.6, 0.8, 0.4};
+  std::optional<JointVector> best;
+  double best_cost = 1e300;
+  for (const JointVector& q : robot.inverse(T)) {
+    double cost = 0;
+    for (int i = 0; i < 6; ++i) cost += weight[i] * std::abs(q[i] - robot.spec().home_rad[i]);
+    if (cost < best_cost) best_cost = cost, best = q;
+  }
+  return best;
+}
+
 struct Burr {  // one edge's burr, parallel to the edge's samples
   std::vector<double> height_mm, length_mm, width_mm;
   std::vector<Vec3> direction;
@@ -145,7 +158,7 @@ void add_wide_shots(std::vector<Shot>& shots, const Vec3& target, const SensorSp
       const double a = 2 * kPi * roll / 12;
       const Pose<frame::Base, frame::Sensor> T_base_sensor(quat_from_z(-from, Vec3(std::cos(a), std::sin(a), 0)), target + wide.working_distance_mm * from);
       const BaseFlange T = T_base_sensor * wide.T_flange_sensor.inverse();
-      if (const auto q = robot.inverse_near(T, robot.spec().home_rad)) {
+      if (const auto q = posture(robot, T)) {
         double cost = 0;
         for (int i = 0; i < 6; ++i) cost += std::abs((*q)[i] - robot.spec().home_rad[i]);
         if (cost < best_cost) best_cost = cost, best = T;
@@ -248,13 +261,13 @@ Result<Done<std::filesystem::path>> simulate(const Scenario& sc, const std::file
     }
   std::string scans = fmt::format("asbuilt: scans/1\nitem: {}\ntaken: '2026-11-22'\ncaptures:\n", item);
   Random scatter = Random::stream(sc.seed, "scatter"), sensor_random = Random::stream(sc.seed, "sensor");
-  JointVector q_near = cell.robot.home_rad;
+
   int n_of[2] = {0, 0};
   Json captures_truth = Json::array();
   for (const Shot& shot : shots) {
-    const auto q = robot.inverse_near(shot.T_base_flange, q_near);
+    const auto q = posture(robot, shot.T_base_flange);
     if (!q) continue;
-    q_near = *q;
+
     JointVector q_written{};
     for (int i = 0; i < 6; ++i) q_written[i] = rad_from_deg(rounded(deg_from_rad((*q)[i]), 6));
     const BaseFlange T_true = arm.actual(q_written, scatter);
@@ -353,7 +366,6 @@ Result<Done<std::filesystem::path>> simulate(const Scenario& sc, const std::file
   t["width_mm"] = 0.4, t["tolerance_mm"] = 0.1;
   t["captures"] = captures_truth;
   t["edges"] = Json::array();
-  JointVector q_tool = cell.robot.home_rad;
   for (std::size_t i = 0; i < edges.size(); ++i) {
     const TrueEdge& e = edges[i];
     // the command that brings the real tip to the real edge, in the posture the edge is worked in
@@ -365,9 +377,8 @@ Result<Done<std::filesystem::path>> simulate(const Scenario& sc, const std::file
       const Vec3 want = T_base_part.point(e.p[k]);
       BaseTool command(q_work, want);
       for (int round = 0; round < 3; ++round) {
-        const auto q = robot.inverse_near(command * tool_given.inverse(), q_tool);
+        const auto q = posture(robot, command * tool_given.inverse());
         must(q.has_value(), "a virtual edge is out of reach");
-        q_tool = *q;
         command.p_mm += want - (arm.actual(*q) * tool_true).p_mm;
       }
       touch.push_back(to_json(command.p_mm));
