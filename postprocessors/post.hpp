@@ -38,6 +38,9 @@ struct Post {
   std::vector<Check> (*lint)(const ProgramText&, const PostContext&);
   /// Last printed digit of each joint, rad; pulses differ from robot to robot.
   JointVector (*joint_step_rad)(const PostContext&);
+  double joint_speed_step_ratio;  // last printed digit of a joint move's speed
+  double spindle_step_ratio;      // of the spindle speed, of max_rpm
+  double time_step_s, blend_step_mm;
 };
 
 const std::vector<Post>& posts();

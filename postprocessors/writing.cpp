@@ -5,6 +5,7 @@
 #include <charconv>
 #include <cmath>
 
+#include "planner/base/hash.hpp"
 #include "planner/base/number.hpp"
 
 namespace asbuilt::writing {
@@ -18,12 +19,18 @@ std::array<double, 3> zyx_angles(const Mat3& R) {
   return {std::atan2(R(1, 0), R(0, 0)), b, std::atan2(R(2, 1), R(2, 2))};
 }
 
+std::array<double, 3> round_zyx(std::array<double, 3> abc_deg, int decimals) {
+  const double a = rounded(abc_deg[0], decimals);
+  const double c = abc_deg[2] - (abc_deg[0] - a) * std::sin(rad_from_deg(abc_deg[1]));
+  return {a, rounded(abc_deg[1], decimals), rounded(c, decimals)};
+}
+
 Printed print_pose(const Mat3& R, const Vec3& p_mm, int mm_decimals, int deg_decimals) {
   Printed out;
   const auto abc = zyx_angles(R);
+  out.abc_deg = round_zyx({deg_from_rad(abc[0]), deg_from_rad(abc[1]), deg_from_rad(abc[2])}, deg_decimals);
   for (int i = 0; i < 3; ++i) {
     out.xyz_mm[i] = rounded(p_mm[i], mm_decimals);
-    out.abc_deg[i] = rounded(deg_from_rad(abc[i]), deg_decimals);
     if (out.abc_deg[i] <= -180.0) out.abc_deg[i] = 180.0;
   }
   return out;
@@ -103,6 +110,10 @@ struct Checker {
   }
 
   void operator()(const SetTool& s) {
+    if (tool && tool->number != s.number) {
+      if (is_spinning) bad("post.order", "the tool changes while the spindle turns; switch it off first");
+      p_now.reset();  // another tool point: an arc cannot start here
+    }
     tool = find_tool(context, s.number);
     if (!tool) {
       bad("post.tool", "tool number " + std::to_string(s.number) + " is not in the cell; add it to cell.yaml", s.number);
@@ -161,8 +172,8 @@ struct Checker {
   void operator()(const SpindleOn& s) {
     is_spinning = true;
     if (!tool) return bad("post.order", "the spindle is switched before a tool is set");
-    if (!std::isfinite(s.rpm) || s.rpm <= 0 || s.rpm > tool->spindle.max_rpm)
-      bad("post.spindle", "the spindle speed is not between 0 and the spindle's max_rpm; change the recipe or the cell",
+    if (!std::isfinite(s.rpm) || s.rpm < std::max(1.0, 0.001 * tool->spindle.max_rpm) || s.rpm > tool->spindle.max_rpm)
+      bad("post.spindle", "the spindle speed is not between a thousandth and the whole of the spindle's max_rpm; change the recipe or the cell",
           std::isfinite(s.rpm) ? s.rpm : 0, tool->spindle.max_rpm, "rpm");
   }
   void operator()(const SpindleOff&) {
@@ -224,6 +235,14 @@ std::vector<std::pair<std::size_t, std::size_t>> split(const Program& program, i
   }
   runs.push_back({begin, program.instructions.size()});
   return runs;
+}
+
+std::string module_name(const std::string& name, std::size_t k, int limit) {
+  const std::string tail = "_" + std::to_string(k);
+  if (static_cast<int>(name.size() + tail.size()) <= limit) return name + tail;
+  const int keep = limit - static_cast<int>(tail.size()) - 7;
+  if (keep < 1) return "";
+  return name.substr(0, static_cast<std::size_t>(keep)) + "_" + upper(sha256_hex(name).substr(0, 6)) + tail;
 }
 
 std::string upper(std::string_view text) {

@@ -22,6 +22,10 @@ struct Printed {
 };
 Printed print_pose(const Mat3& R, const Vec3& p_mm, int mm_decimals, int deg_decimals);
 
+/// Rounds angles of R = Rz(a) Ry(b) Rx(c) one after the other: what rounding a turns about x is taken back by c, so that the
+/// printed rotation is off by at most sqrt(3)/2 of the last digit, at the poles too. Degrees.
+std::array<double, 3> round_zyx(std::array<double, 3> abc_deg, int decimals);
+
 /// The frame that the printed numbers name.
 Pose<frame::Base, frame::Work> frame_of(const Printed& printed);
 
@@ -67,6 +71,10 @@ class Lines {
  private:
   std::string_view end_;
 };
+
+/// The name of module k of a program that is cut: NAME_k; where that grows too long the name is cut and told apart by its hash.
+/// Empty where even that does not fit.
+std::string module_name(const std::string& name, std::size_t k, int limit);
 
 std::string upper(std::string_view text);
 /// Text cut into pieces of at most `width` characters; at least one piece.

@@ -52,7 +52,7 @@ struct Linter {
   bool is_in_sub = false, has_code = false, has_motion = false, has_m30 = false;
   bool is_trafo = false, is_cs = false, is_mcs = false, is_hsc = false, is_ptp = false, is_spinning = false, has_speed = false;
   std::set<int> head;
-  double last_number = -1;
+  double last_number = -1, step = 0;
   int motion = -1, plane = 17;
   bool has_feed = false, is_centre_absolute = false;
   std::map<char, double> now;
@@ -83,11 +83,12 @@ struct Linter {
       std::size_t j = 1;
       while (j < code.size() && code[j] >= '0' && code[j] <= '9') ++j;
       const double number = std::atof(std::string(code.substr(1, j - 1)).c_str());
-      if (!is_in_sub && number <= last_number) f.add("B-09", line, "block numbers do not rise");
-      if (!is_in_sub) last_number = number;
+      if (!is_in_sub) numbered(line, number);
       code.remove_prefix(j);
       while (!code.empty() && code.front() == ' ') code.remove_prefix(1);
       if (code.empty()) return;
+    } else if (last_number >= 0 && !is_in_sub) {
+      f.add("B-09", line, "a block without a number among numbered ones: a line may be lost");
     }
     if (code.front() == '#') return command(line, code);
     if (code.find('#') != std::string_view::npos) f.add("B-03", line, "a # command must stand alone in its block");
@@ -99,6 +100,14 @@ struct Linter {
       return;
     }
     block(line, code);
+  }
+
+  /// Numbers rise by one step from the first to the last block, so that a lost or foreign line shows.
+  void numbered(const Line& line, double number) {
+    if (number <= last_number) f.add("B-09", line, "block numbers do not rise");
+    if (last_number >= 0 && step == 0) step = number - last_number;
+    if (last_number < 0 ? has_motion : number - last_number != step) f.add("B-09", line, "a gap in the block numbers: a line may be lost");
+    last_number = number;
   }
 
   void program_start(const Line& line) {
@@ -117,6 +126,7 @@ struct Linter {
   void on_off(const Line& line, const std::vector<Token>& t, bool& state, const char* name) {
     const bool on = find(t, "ON") != std::string::npos, off = find(t, "OFF") != std::string::npos;
     if (on == off) return;
+    if (off && !state && has_motion) f.add("B-03", line, std::string(name) + " OFF twice");
     if (on && state && std::string_view(name) != "#CS") f.add("B-03", line, std::string(name) + " ON twice");
     state = on;
   }
@@ -173,11 +183,12 @@ struct Linter {
     }
     std::map<char, double> v;
     std::vector<int> m;
-    bool is_dwell = false;
+    bool is_dwell = false, has_g = false, has_plane = false;
     for (const Word& w : words) {
       if (w.letter == 'G') {
         const int g = static_cast<int>(w.value);
-        if (g >= 0 && g <= 3) motion = g;
+        if (g >= 0 && g <= 3) motion = g, has_g = true;
+        has_plane |= g >= 17 && g <= 19;
         if (g == 4) is_dwell = true;
         if (g >= 17 && g <= 19) plane = g;
         if (g == 161 || g == 162) is_centre_absolute = g == 161;
@@ -216,6 +227,7 @@ struct Linter {
     }
     bool has_axis = false;
     for (char c : std::string_view("XYZABC")) has_axis |= v.count(c) > 0;
+    if (has_axis && (!has_g || (motion > 1 && !has_plane))) f.add("B-05", line, "a motion block must name its G word, an arc its plane");
     if (has_axis) move(line, v);
   }
 
@@ -232,7 +244,7 @@ struct Linter {
     for (char c : std::string_view("XYZABC"))
       if (v.count(c)) now[c] = v[c];
     for (char c : std::string_view("XYZABC"))
-      if (!now.count(c)) f.add(is_cartesian ? "B-06" : "B-04", line, std::string("the word ") + c + " is unknown here");
+      if (!v.count(c)) f.add(is_cartesian ? "B-06" : "B-04", line, std::string("the word ") + c + " is left out");
     if (!is_cartesian) return;
     for (char c : std::string_view("ABC"))
       if (before.count(c) && now.count(c) && std::abs(now[c] - before[c]) > 180) f.add("B-06", line, std::string("a jump in ") + c);

@@ -281,7 +281,10 @@ class Reader {
       if (!v) before.unknown();
       if (c == 'G' || c == 'M') {
         if (*v != std::floor(*v) || *v < 0 || *v > 999) before.unknown();
-        (c == 'G' ? w.g : w.m).push_back(static_cast<int>(*v));
+        std::vector<int>& codes = c == 'G' ? w.g : w.m;
+        for (int known : codes)
+          if (known == static_cast<int>(*v)) fail(s.line(), "read.unknown", std::string(1, c) + std::to_string(known) + " is given twice");
+        codes.push_back(static_cast<int>(*v));
       } else {
         set_once(before, w, c, *v);
       }

@@ -60,10 +60,18 @@ Angles nearest_words(const Mat3& R, BeckhoffOrientation mode, const std::optiona
     if (sum < best_sum - 1e-6) best_sum = sum, best = w;
     if (!before) break;  // the first block takes the principal values
   }
-  for (double& v : best) {
-    v = rounded(v, kDeg);
-    if (!before && v <= -180.0) v = 180.0;
+  if (mode == BeckhoffOrientation::euler) {  // what rounding C turns about the tool axis is taken back by A
+    const double c = rounded(best[2], kDeg);
+    best[0] += (best[2] - c) * std::cos(rad_from_deg(best[1]));
+    best = {rounded(best[0], kDeg), rounded(best[1], kDeg), c};
+  } else if (mode == BeckhoffOrientation::cba) {
+    best = round_zyx(best, kDeg);
+  } else {
+    const auto zyx = round_zyx({best[2], -best[1], best[0]}, kDeg);
+    best = {zyx[2], rounded(-zyx[1], kDeg), zyx[0]};
   }
+  for (double& v : best)
+    if (!before && v <= -180.0) v = 180.0;
   return best;
 }
 

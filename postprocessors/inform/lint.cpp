@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The lint rules I-01 to I-17 of INFORM, on the text alone and without the reader's grammar; G-.. rules through the reader.
 #include <cmath>
+#include <cstdio>
+#include <cstdlib>
 #include <set>
 
 #include "postprocessors/inform/inform.hpp"
+#include "postprocessors/inform/posture.hpp"
 #include "postprocessors/linting.hpp"
 
 namespace asbuilt::inform {
@@ -35,7 +38,8 @@ struct Linter {
   std::set<std::string> jobs, called;
   std::set<int> user_frames;
   std::string first_motion_job;
-  bool has_moved = false, is_spinning = false;
+  bool has_moved = false;
+  std::optional<JointVector> q_last;  // of the last pulses
 
   bool has_option(const char* key) const { return context.cell.controller.options.count(key) > 0; }
 
@@ -123,6 +127,7 @@ struct Linter {
           for (std::string_view flag : v)
             if (flag != "0" && flag != "1") f.add("I-05", line, "an RCONF flag other than 0 and 1");
           if (!is_rectan) f.add("I-05", line, "RCONF without RECTAN");
+          posture(line, v);
         } else if (word == "COMM") {
           step(6);
           if (rest.size() > 32) f.add("I-17", line, "a job comment longer than 32 characters");
@@ -157,6 +162,16 @@ struct Linter {
     close_run(where, arc_run);
   }
 
+  /// The flags must be those of the joint target before: a path does not change the arm's form.
+  void posture(const Line& line, const std::vector<std::string_view>& flags) {
+    if (!q_last || flags.size() != 24) return;
+    const bool is_b = has_option("inform.flip") && context.cell.controller.options.at("inform.flip") == "b_axis";
+    const Posture p = posture_of(context.cell.robot, *q_last, is_b ? FlipRule::b_axis : FlipRule::r_axis);
+    const std::array<bool, 6> wanted = {p.is_no_flip, p.is_lower_arm, p.is_rear, p.is_r_beyond, p.is_t_beyond, p.is_s_beyond};
+    for (std::size_t i = 0; i < 24; ++i)
+      if ((flags[i] == "1") != (i < 6 && wanted[i])) f.add("I-05", line, "flag " + std::to_string(i + 1) + " is not that of the joint target before");
+  }
+
   void close_run(const std::string& where, int& arc_run) {
     if (arc_run == 1 || (arc_run > 0 && arc_run % 2 == 0)) f.add("I-09", where, "a run of MOVC needs start, middle and end");
     arc_run = 0;
@@ -170,6 +185,10 @@ struct Linter {
     const auto v = fields(line.text.substr(line.text.find('=') + 1));
     if (v.size() != 6 && v.size() != 7) f.add("I-04", line, "a position has six values, or seven");
     if (type == "PULSE") {
+      if (v.size() >= 6 && context.cell.controller.pulses_per_degree) {
+        q_last.emplace();
+        for (std::size_t i = 0; i < 6; ++i) (*q_last)[i] = rad_from_deg(std::atof(std::string(v[i]).c_str()) / (*context.cell.controller.pulses_per_degree)[i]);
+      }
       for (std::size_t i = 0; i < v.size(); ++i) {
         if (v[i].find_first_not_of("-0123456789") != std::string_view::npos || v[i].empty()) f.add("I-04", line, "pulses are whole numbers");
         else if (i < 6 && context.cell.controller.pulses_per_degree) {

@@ -61,6 +61,7 @@ class Reader {
   std::optional<Position> last_;      // the last path target
   int arc_points_ = 0;                // MOVC seen in the present run
   Position arc_via_;
+  double arc_speed_ = 0, arc_start_speed_ = 0;
   bool has_body_ = false;             // something other than a header line has been read
 
   static bool ends_with(std::string_view name, std::string_view end) {
@@ -393,10 +394,16 @@ class Reader {
       const bool is_there = last_ && last_->user == p.user && (last_->T_work_tool.p_mm - p.T_work_tool.p_mm).norm() < 0.0005 &&
                             2 * (last_->T_work_tool.q.conjugate() * p.T_work_tool.q).vec().norm() < 1e-5;
       if (!is_there) build_.linear(line, p.T_work_tool, speed, blend);
+      arc_start_speed_ = is_there ? speed : 0;
       last_ = p;
     } else if (arc_points_ % 2 == 0) {
+      if (arc_start_speed_ > 0 && speed != arc_start_speed_) fail(line, "read.arc", "the points of one arc have different speeds", speed, arc_start_speed_, "mm/s");
+      if (blend > 0) fail(line, "read.arc", "the middle of an arc cannot be rounded", blend, 0, "mm");
+      arc_start_speed_ = 0;
       arc_via_ = p;
+      arc_speed_ = speed;
     } else {
+      if (speed != arc_speed_) fail(line, "read.arc", "the points of one arc have different speeds", speed, arc_speed_, "mm/s");
       if (arc_via_.user != p.user || last_->user != p.user || arc_via_.tool != p.tool)
         fail(line, "read.arc", "the points of an arc are in different frames or of different tools");
       frame_of(line, p);

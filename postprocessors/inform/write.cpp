@@ -129,7 +129,8 @@ struct Writer {
     job.instructions.add("MOVJ " + next_position(true, values) + " VJ=" + fixed_number(m.speed_ratio * 100, 2) + " PL=0");
   }
   void operator()(const MoveLinear& m) {
-    is_start_given = !is_arc_last && next_motion(program, at) == Next::arc;
+    const bool stays = T_now && (T_now->p_mm - m.T_base_tool.p_mm).norm() < 0.002 && quat_log(T_now->q.conjugate() * m.T_base_tool.q).norm() < 1e-5;
+    is_start_given = !is_arc_last && !stays && next_motion(program, at) == Next::arc;
     is_arc_last = false;
     job.instructions.add((is_start_given ? "MOVC " : "MOVL ") + cartesian(m.T_base_tool) +
                          path_words(m.speed_mm_s, m.is_exact, m.blend_mm));
@@ -197,6 +198,28 @@ std::string user_frame_file(int number, const Pose<frame::Base, frame::Work>& T)
   return std::move(out.bytes);
 }
 
+/// A job names its tool at its positions only: between a change of tool and the next motion nothing says whose spindle is meant.
+void check_spindle_tools(const Program& program, Refusals& faults) {
+  int tool = -1, tool_at_motion = -1;
+  std::optional<int> first_tool;  // that of the first motion
+  for (const Instruction& i : program.instructions) {
+    if (const auto* s = std::get_if<SetTool>(&i)) tool = s->number;
+    if (std::holds_alternative<MoveJoint>(i) || std::holds_alternative<MoveLinear>(i) || std::holds_alternative<MoveCircular>(i)) {
+      first_tool = tool;
+      break;
+    }
+  }
+  tool = -1, tool_at_motion = first_tool.value_or(-1);
+  for (std::size_t k = 0; k < program.instructions.size(); ++k) {
+    const Instruction& i = program.instructions[k];
+    if (const auto* s = std::get_if<SetTool>(&i)) tool = s->number;
+    if (std::holds_alternative<MoveJoint>(i) || std::holds_alternative<MoveLinear>(i) || std::holds_alternative<MoveCircular>(i)) tool_at_motion = tool;
+    if ((std::holds_alternative<SpindleOn>(i) || std::holds_alternative<SpindleOff>(i)) && tool != tool_at_motion)
+      faults.push_back(fault("post.order", program.name + ": instruction " + std::to_string(k + 1),
+                             "INFORM names the tool at its positions: the spindle of a new tool is switched before the first motion with it; move first", tool));
+  }
+}
+
 }  // namespace
 
 Result<ProgramText> write(const Program& program, const PostContext& context) {
@@ -249,6 +272,7 @@ Result<ProgramText> write(const Program& program, const PostContext& context) {
   Refusals more = check(program, context,
                         {.name_length = name_length.value_or(32), .speed_min_mm_s = v_min, .speed_max_mm_s = 1500, .wait_min_s = 0.01, .wait_max_s = 655.35});
   faults.insert(faults.end(), more.begin(), more.end());
+  check_spindle_tools(program, faults);
   for (const Instruction& i : program.instructions)
     if (const auto* s = std::get_if<SetTool>(&i)) {
       const ToolSpec* t = find_tool(context, s->number);
@@ -259,12 +283,12 @@ Result<ProgramText> write(const Program& program, const PostContext& context) {
       if (t && (t->number < 0 || t->number > 63))
         faults.push_back(fault("post.tool", "cell.yaml: tools[" + t->id + "].number", "INFORM tools are numbered from 0 to 63", t->number, 63));
     }
-  const auto runs = split(program, 3, max_lines.value_or(9000));
+  const auto runs = split(program, 2, max_lines.value_or(9000));
   const std::string base = upper(program.name);
-  const std::string last = runs.size() > 1 ? base + "_" + std::to_string(runs.size()) : base;
-  if (static_cast<int>(last.size()) > name_length.value_or(32))
-    faults.push_back(fault("post.name", program.name, "split into " + std::to_string(runs.size()) + " jobs the name grows too long; shorten it",
-                           static_cast<double>(last.size()), name_length.value_or(32), "characters"));
+  if (runs.size() > 1 && module_name(base, runs.size(), name_length.value_or(32)).empty())
+    faults.push_back(fault("post.name", program.name,
+                           "cut into " + std::to_string(runs.size()) + " pages the name grows too long; shorten the item's name",
+                           static_cast<double>(base.size()), name_length.value_or(32), "characters"));
   if (!faults.empty()) return refuse_all(std::move(faults));
 
   ProgramText text{Language::inform, {}};
@@ -281,7 +305,7 @@ Result<ProgramText> write(const Program& program, const PostContext& context) {
     if (runs.size() == 1) {
       main = std::move(w.job);
     } else {
-      const std::string name = base + "_" + std::to_string(k + 1);
+      const std::string name = module_name(base, k + 1, name_length.value_or(32));
       pages.push_back({name + ".JBI", job_text(name, w.job, *date)});
       main.instructions.add("CALL JOB:" + name);
     }

@@ -18,6 +18,14 @@ std::string_view code_of(std::string_view line) { return line.substr(0, line.fin
 const std::set<std::string> kKeywords = {"DEF", "END", "DEFDAT", "ENDDAT", "PTP", "LIN", "CIRC", "IF", "ENDIF", "FOR", "WHILE", "LOOP", "WAIT", "SWITCH",
                                          "CASE", "HALT", "TRIGGER", "INTERRUPT", "DECL", "INT", "REAL", "BOOL", "CHAR", "TRUE", "FALSE", "SPLINE"};
 
+/// The name in a fold line: what stands before the inline form, without blanks around it.
+std::string fold_name(std::string_view text) {
+  text = text.substr(0, text.find(";%"));
+  while (!text.empty() && text.front() == ' ') text.remove_prefix(1);
+  while (!text.empty() && text.back() == ' ') text.remove_suffix(1);
+  return std::string(text);
+}
+
 struct Linter {
   Findings& f;
   const PostContext& context;
@@ -36,20 +44,29 @@ struct Linter {
   }
 
   void source(const ProgramFile& file, bool is_main) {
-    int defs = 0, folds = 0, depth = 0, body_lines = 0;
+    int defs = 0, depth = 0, body_lines = 0;
+    std::vector<std::string> folds;
     bool has_code = false, has_access = false, has_statement = false, has_init = false;
     std::vector<std::string> open_blocks;
     for (const Line& line : raw_lines(file)) {
       if (line.text.size() > 240) f.add("K-13", line, "a line longer than 240 characters");
       const std::string_view comment = line.text.find(';') == std::string_view::npos ? "" : line.text.substr(line.text.find(';') + 1);
-      if (comment.starts_with("FOLD")) ++folds;
-      if (comment.starts_with("ENDFOLD") && --folds < 0) f.add("K-02", line, "ENDFOLD without FOLD");
+      if (comment.starts_with("FOLD")) folds.push_back(fold_name(comment.substr(4)));
+      if (comment.starts_with("ENDFOLD")) {
+        const std::string name = fold_name(comment.substr(7));
+        if (folds.empty()) f.add("K-02", line, "ENDFOLD without FOLD");
+        else if (!name.empty() && name != "(" + folds.back() + ")") f.add("K-02", line, "ENDFOLD names another fold");
+        if (!folds.empty()) folds.pop_back();
+      }
       if (comment.find("%{PE}") != std::string_view::npos) f.add("K-16", line, "an inline form, whose technology package is not known here");
       const auto t = tokens_of(code_of(line.text));
       if (t.empty()) continue;
       if (t[0].is("&")) {
         if (has_code) f.add("K-02", line, "a line with & below the top");
-        has_access |= t.size() > 1 && t[1].is("ACCESS");
+        static const std::set<std::string> rights = {"R", "RV", "RVP", "RVO", "RVO1", "RO", "RVP1", "RVO2"};
+        has_access |= t.size() == 3 && t[1].is("ACCESS") && rights.count(t[2].text);
+        if (t.size() < 2 || !(t[1].is("ACCESS") || t[1].is("COMMENT") || t[1].is("PARAM") || (t[1].is("REL") && t.size() == 3 && t[2].kind == Token::Kind::number)))
+          f.add("K-02", line, "an unknown line with &");
         continue;
       }
       has_code = true;
@@ -84,7 +101,7 @@ struct Linter {
     const std::string where = file.name;
     if (!has_access) f.add("K-02", where, "&ACCESS is missing");
     if (depth != 0 || defs == 0) f.add("K-02", where, "DEF and END do not match");
-    if (folds != 0) f.add("K-02", where, "FOLD and ENDFOLD do not match");
+    if (!folds.empty()) f.add("K-02", where, "FOLD and ENDFOLD do not match");
     if (is_main && !has_init) f.add("K-04", where, "BAS (#INITMOV,0) is missing");
     if (body_lines > 3000) f.add("K-13", where, "a module of " + std::to_string(body_lines) + " lines");
   }

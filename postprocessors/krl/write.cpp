@@ -114,12 +114,13 @@ std::string tool_variable(int number) { return "EXPECTED_TOOL_" + std::to_string
 /// The check on the machine: the program waits, with the condition on the pendant, until TOOL_DATA is what the plan was made with.
 void write_tool_check(Lines& out, const ToolSpec& tool) {
   const std::string n = std::to_string(tool.number), data = "TOOL_DATA[" + n + "]", expected = tool_variable(tool.number);
-  out.add("  ;FOLD CHECK TOOL " + n + ": it waits here while TOOL_DATA[" + n + "] differs from the calibration in the .dat");
+  const std::string name = "WAITS WHILE TOOL_DATA[" + n + "] IS NOT THE CALIBRATED TOOL";
+  out.add("  ;FOLD " + name);
   for (const char* part : {"X", "Y", "Z", "A", "B", "C"}) {
     const bool is_angle = part[0] <= 'C';
     out.add(std::string("  WAIT FOR ABS(") + data + "." + part + "-" + expected + "." + part + ")<" + (is_angle ? "0.0100" : "0.010"));
   }
-  out.add("  ;ENDFOLD (CHECK TOOL " + n + ")");
+  out.add("  ;ENDFOLD (" + name + ")");
 }
 
 void write_head(Lines& out, const std::string& name) {
@@ -166,12 +167,7 @@ Result<ProgramText> write(const Program& program, const PostContext& context) {
                              "cell.yaml: tools[" + t->id + "].spindle." + (t->spindle.output < 1 ? "output" : "analog"),
                              "KRL switches the spindle by $OUT[output] and sets its speed by $ANOUT[analog]; give both numbers"));
   }
-  const auto runs = split(program, 3, max_lines.value_or(3000));
-  const std::string last = runs.size() > 1 ? program.name + "_" + std::to_string(runs.size()) : program.name;
-  if (last.size() > 24)
-    faults.push_back(fault("post.name", program.name, "split into " + std::to_string(runs.size()) +
-                               " modules the name grows beyond 24 characters; shorten the item's name or raise controller.krl.max_lines",
-                           static_cast<double>(last.size()), 24, "characters"));
+  const auto runs = split(program, 2, max_lines.value_or(3000));
   if (!faults.empty()) return refuse_all(std::move(faults));
 
   ProgramText text{Language::krl, {}};
@@ -185,7 +181,7 @@ Result<ProgramText> write(const Program& program, const PostContext& context) {
   std::vector<ProgramFile> parts;
   for (std::size_t k = 0; k < runs.size(); ++k) {
     Lines main{"\r\n"};
-    const std::string name = program.name + "_" + std::to_string(k + 1);
+    const std::string name = module_name(program.name, k + 1, 24);
     if (runs.size() > 1) {
       std::swap(main, w.out);
       w.out = Lines("\r\n");

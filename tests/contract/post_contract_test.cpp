@@ -3,6 +3,8 @@
 // lint rules hold, and the dialects of one program replay to one path.
 #include <gtest/gtest.h>
 
+#include <chrono>
+
 #include "planner/base/archive.hpp"
 #include "tests/support/post_programs.hpp"
 
@@ -85,6 +87,28 @@ TEST_P(PostContract, split_programs_join_to_the_same_motions) {
   EXPECT_EQ(difference(p, *back, tolerance_of(post(), small), GetParam() == Language::inform), "");
 }
 
+/// 100000 points: written, read, linted; the time is printed, the content compared.
+TEST_P(PostContract, a_hundred_thousand_points) {
+  PostContext big = context;
+  const Program p = random_program(17, {.sections = 200, .points = 500, .has_events = false, .has_two_tools = false});
+  const auto now = [] { return std::chrono::steady_clock::now(); };
+  const auto ms = [](auto d) { return std::chrono::duration<double, std::milli>(d).count(); };
+  const auto t0 = now();
+  const auto text = post().write(p, big);
+  const auto t1 = now();
+  ASSERT_TRUE(text) << text_of(text.error());
+  const auto back = post().read(*text, big);
+  const auto t2 = now();
+  ASSERT_TRUE(back) << text_of(back.error());
+  EXPECT_EQ(difference(p, *back, tolerance_of(post(), big), GetParam() == Language::inform), "");
+  const auto t3 = now();
+  for (const Check& c : post().lint(*text, big)) EXPECT_TRUE(c.is_passed) << c.name << " " << c.where;
+  std::size_t bytes = 0;
+  for (const ProgramFile& f : text->files) bytes += f.bytes.size();
+  std::printf("%s: %.1f MB, write %.0f ms, read %.0f ms, lint %.0f ms\n", std::string(name_of(GetParam())).c_str(), static_cast<double>(bytes) / 1e6, ms(t1 - t0),
+              ms(t2 - t1), ms(now() - t3));
+}
+
 INSTANTIATE_TEST_SUITE_P(Registry, PostContract, testing::Values(Language::krl, Language::inform, Language::beckhoff),
                          [](const auto& info) { return std::string(name_of(info.param)); });
 
@@ -95,6 +119,8 @@ TEST(PostAgreement, dialects_replay_to_one_path) {
   t.position_mm = 0.001 * std::sqrt(3.0) + 1e-9;  // each of the two is within half a digit on every axis of its own frame
   t.angle_rad = 6e-6, t.speed_mm_s = 0.0501 + 0.0006, t.speed_ratio = 0.0051, t.blend_mm = 0.0506;
   t.joint_rad.fill(rad_from_deg(0.0007));
+  t.is_via_printed = false;
+  t.rpm = 4;
   for (int seed = 1; seed <= 100; ++seed) {
     const Program p = random_program(seed);
     std::vector<Program> read;

@@ -149,11 +149,17 @@ Tolerance tolerance_of(const Post& post, const PostContext& context) {
   Tolerance t;
   const double slack = 1.0001;
   t.position_mm = post.position_step_mm / 2 * slack + 1e-9;
-  t.angle_rad = post.angle_step_rad * 1.5 * slack;  // three printed angles, half a digit each
+  t.angle_rad = post.angle_step_rad * 0.8661 * slack + 1e-9;  // three printed angles, half a digit each
   t.speed_mm_s = post.speed_step_mm_s / 2 * slack;
   t.joint_rad = post.joint_step_rad(context);
   for (double& j : t.joint_rad) j = j / 2 * slack;
-  if (post.language == Language::inform) t.blend_mm = 0.0501;
+  double max_rpm = 0;
+  for (const ToolSpec& tool : context.cell.tools) max_rpm = std::max(max_rpm, tool.spindle.max_rpm);
+  t.speed_ratio = post.joint_speed_step_ratio / 2 * slack;
+  t.rpm = post.spindle_step_ratio * max_rpm / 2 * slack;
+  t.is_via_printed = post.language != Language::beckhoff;
+  t.time_s = post.time_step_s / 2 * slack;
+  t.blend_mm = post.blend_step_mm / 2 * slack;
   return t;
 }
 
@@ -217,6 +223,7 @@ struct Compare {
   }
   std::string path(double va, double vb, bool ea, bool eb, double ba, double bb) const {
     if (std::abs(va - vb) > t.speed_mm_s) return "speed " + number(vb) + " instead of " + number(va);
+    ea = ea || ba <= t.blend_mm;  // a distance that prints as 0 is none
     if (ea != eb) return "exactness differs";
     if (!ea && std::abs(ba - bb) > t.blend_mm) return "rounding " + number(bb) + " instead of " + number(ba);
     return "";
@@ -238,6 +245,10 @@ struct Compare {
   std::string operator()(const MoveCircular& a, const MoveCircular& b) const {
     std::string s = pose(a.T_base_tool, b.T_base_tool);
     if (!s.empty()) return s;
+    if (t.is_via_printed) {
+      const std::string via = pose(a.T_base_via, b.T_base_via);
+      return via.empty() ? path(a.speed_mm_s, b.speed_mm_s, a.is_exact, b.is_exact, a.blend_mm, b.blend_mm) : "middle of the arc: " + via;
+    }
     // any point of the arc may be named: the circle through a's points must hold b's
     const Vec3 u = a.T_base_via.p_mm - *p_before_wanted, v = a.T_base_tool.p_mm - *p_before_wanted, n = u.cross(v);
     const Vec3 c = *p_before_wanted + (v.squaredNorm() * n.cross(u) + u.squaredNorm() * v.cross(n)) / (2 * n.squaredNorm());
@@ -250,7 +261,7 @@ struct Compare {
     return path(a.speed_mm_s, b.speed_mm_s, a.is_exact, b.is_exact, a.blend_mm, b.blend_mm);
   }
   std::string operator()(const SpindleOn& a, const SpindleOn& b) const {
-    return std::abs(a.rpm - b.rpm) <= t.rpm_ratio * 50000 ? "" : "spindle " + number(b.rpm) + " instead of " + number(a.rpm);
+    return std::abs(a.rpm - b.rpm) <= t.rpm ? "" : "spindle " + number(b.rpm) + " instead of " + number(a.rpm);
   }
   std::string operator()(const SpindleOff&, const SpindleOff&) const { return ""; }
   std::string operator()(const SetOutput& a, const SetOutput& b) const {
@@ -277,7 +288,8 @@ std::string difference(const Program& wanted, const Program& got, const Toleranc
   for (std::size_t i = 0; i < std::min(a.steps.size(), b.steps.size()); ++i) {
     const Compare c{tolerance, a.frame[i], is_in_base, before};
     std::string d = std::visit(c, *a.steps[i], *b.steps[i]);
-    if (d.empty() && a.tool[i] != b.tool[i]) d = "another tool";
+    const bool needs_tool = !std::holds_alternative<Comment>(*a.steps[i]) && !std::holds_alternative<Wait>(*a.steps[i]) && !std::holds_alternative<SetOutput>(*a.steps[i]);
+    if (d.empty() && needs_tool && a.tool[i] != b.tool[i]) d = "another tool";
     if (!d.empty()) return "step " + std::to_string(i + 1) + ": " + d;
     if (const auto* m = std::get_if<MoveLinear>(a.steps[i])) before = m->T_base_tool.p_mm;
     if (const auto* m = std::get_if<MoveCircular>(a.steps[i])) before = m->T_base_tool.p_mm;

@@ -28,8 +28,9 @@ Eigen::Quaterniond random_rotation(Random& random);
 
 /// What a dialect's printed digits allow.
 struct Tolerance {
-  double position_mm = 0.0005, angle_rad = 0, speed_mm_s = 0, speed_ratio = 0.005, rpm_ratio = 0.0001, time_s = 0.005, blend_mm = 0.0005;
+  double position_mm = 0.0005, angle_rad = 0, speed_mm_s = 0, speed_ratio = 0.005, rpm = 2, time_s = 0.005, blend_mm = 0.0005;
   JointVector joint_rad{};
+  bool is_via_printed = true;  // G02 and G03 print a centre: any point of the arc stands for it
 };
 Tolerance tolerance_of(const Post& post, const PostContext& context);
 

@@ -71,7 +71,7 @@ TEST_P(Orientation, printed_angles_name_the_rotation) {
     const Matrix R = v.matrix(std::stod(m[1]), std::stod(m[2]), std::stod(m[3]));
     const Mat3 wanted = q.toRotationMatrix();
     for (int i = 0; i < 3; ++i)
-      for (int j = 0; j < 3; ++j) ASSERT_NEAR(R[i][j], wanted(i, j), 2.7e-6) << "rotation " << n << " " << m[0];
+      for (int j = 0; j < 3; ++j) ASSERT_NEAR(R[i][j], wanted(i, j), 1.52e-6) << "rotation " << n << " " << m[0];
     const auto back = post.read(*text, context);
     ASSERT_TRUE(back);
     for (const Instruction& i : back->instructions) {

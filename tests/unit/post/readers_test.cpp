@@ -215,7 +215,7 @@ const Bad kBad[] = {
     {Language::beckhoff, "read.unknown", "M05", "$IF P1 > 2"},
     {Language::beckhoff, "read.unknown", "M05", "M77"},
     {Language::beckhoff, "read.unknown", "M05", "#HSC ON"},
-    {Language::beckhoff, "read.undefined", "G94", "G17"},
+    {Language::beckhoff, "read.undefined", "G94 ", ""},
     {Language::beckhoff, "read.kinematic", "#KIN ID [45]", "#KIN ID [44]"},
     {Language::beckhoff, "read.tool", "T1 D1", "T1 D3"},
     {Language::beckhoff, "read.tool", "T1 D1", "T7 D7"},

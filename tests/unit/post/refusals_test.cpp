@@ -2,6 +2,7 @@
 // What a post must not write: every post.* refusal has a program or a machine file that provokes it.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <functional>
 #include <limits>
 
@@ -57,6 +58,14 @@ const Case kCases[] = {
     {"umlaut_in_comment", "post.not_ascii", "", kAll, [](Program& p, PostContext&) { p.instructions.insert(p.instructions.begin() + 3, Comment{"\xe4"}); }},
     {"line_end_in_comment", "post.not_ascii", "", kAll,
      [](Program& p, PostContext&) { p.instructions.insert(p.instructions.begin() + 3, Comment{"a\r\nPTP {A1 90}"}); }},
+    {"spindle_of_a_tool_not_yet_moved", "post.order", "", {Language::inform},
+     [](Program& p, PostContext& c) {
+       p.instructions.insert(p.instructions.begin() + 3, {Instruction{SetTool{3, c.cell.tools[1].T_flange_tool}}, Instruction{SpindleOff{}}});
+     }},
+    {"tool_change_with_the_spindle_on", "post.order", "", kAll,
+     [](Program& p, PostContext& c) {
+       p.instructions.insert(p.instructions.begin() + 3, {Instruction{SpindleOn{5000}}, Instruction{SetTool{3, c.cell.tools[1].T_flange_tool}}});
+     }},
     {"no_home", "post.order", "instruction", kAll, [](Program& p, PostContext&) { p.instructions.erase(p.instructions.begin() + 2, p.instructions.begin() + 4); }},
     {"no_tool", "post.order", "instruction 2", kAll, [](Program& p, PostContext&) { p.instructions.erase(p.instructions.begin()); }},
     {"no_frame", "post.order", "", kAll, [](Program& p, PostContext&) { p.instructions.erase(p.instructions.begin() + 1); }},
@@ -157,14 +166,36 @@ TEST(PostRefusals, a_job_that_cannot_be_cut) {
   EXPECT_EQ(text.error().front().code, "post.too_long");
 }
 
-TEST(PostRefusals, a_split_name_that_grows_too_long) {
+TEST(PostRefusals, a_page_name_that_cannot_be_made) {
   PostContext context = post_context();
-  context.cell.controller.options["krl.max_lines"] = "50";
+  context.cell.controller.options["inform.max_lines"] = "50";
+  context.cell.controller.options["inform.name_length"] = "8";
   Program p = random_program(5, {.sections = 20});
-  p.name = "A_NAME_OF_24_CHARACTERS_";
-  const auto text = find_post(Language::krl)->write(p, context);
+  p.name = "RING_001";
+  const auto text = find_post(Language::inform)->write(p, context);
   ASSERT_FALSE(text);
   EXPECT_EQ(text.error().front().code, "post.name");
+}
+
+TEST(PostNames, modules_of_long_names_stay_short_and_apart) {
+  PostContext context = post_context();
+  context.cell.controller.options["krl.max_lines"] = "50";
+  std::vector<std::string> seen;
+  for (const char* name : {"A_NAME_OF_24_CHARACTERS_", "A_NAME_OF_24_CHARACTERSA"}) {
+    Program p = random_program(5, {.sections = 20});
+    p.name = name;
+    const auto text = find_post(Language::krl)->write(p, context);
+    ASSERT_TRUE(text) << text_of(text.error());
+    EXPECT_GT(text->files.size(), 12u);
+    for (const ProgramFile& f : text->files) {
+      EXPECT_LE(f.name.size(), 28u) << f.name;
+      EXPECT_EQ(std::count(seen.begin(), seen.end(), f.name), 0) << f.name;
+      seen.push_back(f.name);
+    }
+    const auto back = find_post(Language::krl)->read(*text, context);
+    ASSERT_TRUE(back) << text_of(back.error());
+    EXPECT_EQ(difference(p, *back, tolerance_of(*find_post(Language::krl), context), false), "");
+  }
 }
 
 }  // namespace
