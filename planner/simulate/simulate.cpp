@@ -288,6 +288,7 @@ Result<Done<std::filesystem::path>> simulate(const Scenario& sc, const std::file
       const auto T = T_true * mount_true[0];
       std::erase_if(points, [&](const Eigen::Vector3f& p) { return (T.point(p.cast<double>()) - middle).norm() < 55; });
     }
+    if (points.size() < 50) continue;  // nobody files an empty picture
     if (sc.trap == "nan_cloud")
       for (Eigen::Vector3f& p : points) p.setConstant(std::nanf(""));
     if (sc.trap == "nan_points")
