@@ -42,12 +42,12 @@ int cad_command(const CadArguments& arguments, Console& console);
 
 struct VerifyArguments {
   std::vector<std::string> programs;
-  std::string cell, result, batch, item;
+  std::string cell, calibration, result;
 };
 int verify_command(const VerifyArguments& arguments, Console& console);
 
 struct CompareArguments {
-  std::string a, b, cell;
+  std::string a, b, cell, calibration;
 };
 int compare_command(const CompareArguments& arguments, Console& console);
 
@@ -61,6 +61,8 @@ int why_command(const std::string& item, const std::string& out, Console& consol
 std::vector<Language> languages_of(const std::vector<std::string>& words, std::string& fault);
 /// The command that answers an order of run_batch: this program.
 std::vector<std::string> own_worker_command();
+/// The cell with its calibration: the one named, else the calibration.yaml beside the cell where there is one, else none.
+Result<CellSpec> calibrated_cell(const std::string& cell, const std::string& calibration, Console& console);
 /// Options that batch and demo share: code tag, date, worker, progress on the console.
 BatchOptions batch_options(const std::string& out, Console& console);
 /// One row an item: status, seconds, first reason.

@@ -144,9 +144,9 @@ bool is_program(const fs::path& file) {
 
 int compare_programs_command(const CompareArguments& a, Console& console) {
   if (a.cell.empty()) return console.complain("compare of programs needs --cell cell.yaml: tools, frames and units of the controller decide what a program means"), 2;
-  const auto cell = load_cell(a.cell, {true, today_iso()});
+  const auto cell = calibrated_cell(a.cell, a.calibration, console);
   if (!cell) return console.complain(cell.error()), 2;
-  const PostContext context{cell->artefact, today_iso()};
+  const PostContext context{*cell, today_iso()};
   std::vector<Program> programs;
   for (const std::string& file : {a.a, a.b}) {
     std::vector<std::string> files{file};

@@ -77,6 +77,7 @@ int run(int argc, char** argv) {
   c = add("verify", "read emitted programs back, replay them, check them", [&](Console& console) { return verify_command(verify, console); });
   c->add_option("PROGRAM", verify.programs, "program files: .src .dat, .JBI .CND, .nc .cnc .mpf")->required();
   c->add_option("--cell", verify.cell, "the cell they run in (YAML)")->required();
+  c->add_option("--calibration", verify.calibration, "the calibration they were made with (default: calibration.yaml beside the cell)");
   c->add_option("--result", verify.result, "the result.json they came with");
 
   CompareArguments compare;
@@ -84,6 +85,7 @@ int run(int argc, char** argv) {
   c->add_option("A", compare.a, "result.json, the folder of one, or a program")->required();
   c->add_option("B", compare.b, "the other; without it: drawing against adapted");
   c->add_option("--cell", compare.cell, "needed to compare programs (YAML)");
+  c->add_option("--calibration", compare.calibration, "as for verify");
 
   std::string scenario, simulated;
   c = add("simulate", "the virtual cell: scans of an imperfect part, with the truth beside them", [&](Console& console) { return simulate_command(scenario, simulated, console); });

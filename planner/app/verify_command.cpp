@@ -59,10 +59,20 @@ Result<std::vector<Check>> checks_against(const Json& result, const ReadProgram&
 
 }  // namespace
 
+Result<CellSpec> calibrated_cell(const std::string& cell, const std::string& calibration, Console& console) {
+  std::filesystem::path file = calibration;
+  const std::filesystem::path beside = std::filesystem::path(cell).parent_path() / "calibration.yaml";
+  if (file.empty() && std::filesystem::exists(beside)) file = beside;
+  auto loaded = load_cell(cell, {true, today_iso()}, file);
+  if (!loaded) return refuse_all(loaded.error());
+  console.say(file.empty() ? "no calibration: the tools' nominal poses are used" : "calibration: " + file.string());
+  return std::move(loaded->artefact);
+}
+
 int verify_command(const VerifyArguments& a, Console& console) {
-  const auto cell = load_cell(a.cell, {true, today_iso()});
+  const auto cell = calibrated_cell(a.cell, a.calibration, console);
   if (!cell) return console.complain(cell.error()), 2;
-  const PostContext context{cell->artefact, today_iso()};
+  const PostContext context{*cell, today_iso()};
   const auto programs = read_programs(a.programs, context);
   if (!programs) {
     console.complain(programs.error());
@@ -79,7 +89,7 @@ int verify_command(const VerifyArguments& a, Console& console) {
   std::string text;
   bool is_ok = true;
   for (const ReadProgram& read : *programs) {
-    Verdict verdict = verify_program(cell->artefact, read.program);
+    Verdict verdict = verify_program(*cell, read.program);
     const auto lint = find_post(read.text.language)->lint(read.text, context);
     verdict.checks.insert(verdict.checks.end(), lint.begin(), lint.end());
     if (!a.result.empty()) {

@@ -131,7 +131,7 @@ std::string job_inputs_hash(const Batch& batch, const std::string& item_id, cons
   return sha256_hex(text);
 }
 
-Result<Done<CellSpec>> load_cell(const fs::path& file, const InputsRecipe& recipe) {
+Result<Done<CellSpec>> load_cell(const fs::path& file, const InputsRecipe& recipe, const fs::path& calibration) {
   const fs::path full = fs::weakly_canonical(file);
   Item item{Sources(full.parent_path(), recipe.allow_outside)};
   auto bytes = read_file(full, file.string());
@@ -141,6 +141,15 @@ Result<Done<CellSpec>> load_cell(const fs::path& file, const InputsRecipe& recip
   item.cell.value = read_yaml<CellFile>(*bytes, item.cell.out);
   item.cell.is_read = item.cell.out.is_of_kind;
   CellSpec cell = cell_of(item, item.cell);
+  if (!calibration.empty()) {
+    bytes = read_file(calibration, calibration.string());
+    if (!bytes) return tl::unexpected(bytes.error());
+    item.calibration.file = fs::weakly_canonical(calibration);
+    item.calibration.out.name = calibration.filename().string();
+    item.calibration.value = read_yaml<CalibrationFile>(*bytes, item.calibration.out);
+    item.calibration.is_read = item.calibration.out.is_of_kind;
+    if (item.calibration.is_read) apply_calibration(item, cell, item.calibration.value.created);
+  }
   if (Refusals faults = all_faults(item); !faults.empty()) return refuse_all(std::move(faults));
   return Done<CellSpec>{std::move(cell), std::move(item.notes)};
 }
