@@ -2,6 +2,7 @@
 #include "planner/fit/checks.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 #include <tuple>
@@ -100,29 +101,32 @@ Refusals check_traced(const FitRecipe& recipe, const Setup& setup, const std::ve
   return out;
 }
 
-Refusals check_captures(const Solved& s) {
-  // Mean residual of each capture on each face; two captures on one face must agree.
+Disagreement worst_disagreement(const Setup& setup, const MeasuredCloud& cloud, const std::vector<Cell>& cells, const Bundle& bundle) {
   std::map<std::pair<int, int>, std::array<double, 3>> sums;  // (slot, capture): weight, sum, cells
-  for (std::size_t i = 0; i < s.cells.size(); ++i) {
-    const Cell& c = s.cells[i];
-    if (!s.setup.is_fine[c.capture]) continue;
+  for (std::size_t i = 0; i < cells.size(); ++i) {
+    const Cell& c = cells[i];
+    if (!setup.is_fine[c.capture]) continue;
     // Not the robust weight: what is thrown out for disagreeing is what is asked for here.
     auto& a = sums[{c.slot, c.capture}];
-    const double w = std::min(1.0, 0.3 / std::max(1e-9, std::abs(s.bundle.residual_mm[i])));
-    a[0] += w, a[1] += w * s.bundle.residual_mm[i], a[2] += 1;
+    const double w = std::min(1.0, 0.3 / std::max(1e-9, std::abs(bundle.residual_mm[i])));
+    a[0] += w, a[1] += w * bundle.residual_mm[i], a[2] += 1;
   }
-  double worst = 0;
-  int capture_a = -1, capture_b = -1, slot = -1;
+  Disagreement out;
   for (auto a = sums.begin(); a != sums.end(); ++a)
     for (auto b = std::next(a); b != sums.end() && b->first.first == a->first.first; ++b) {
       if (a->second[2] < 6 || b->second[2] < 6) continue;
       const double d = std::abs(a->second[1] / a->second[0] - b->second[1] / b->second[0]);
-      if (d > worst) worst = d, slot = a->first.first, capture_a = a->first.second, capture_b = b->first.second;
+      if (d > out.distance_mm) out.distance_mm = d, out.slot = a->first.first, out.capture_a = a->first.second, out.capture_b = b->first.second;
     }
-  double noise = 0;
-  for (std::size_t k = 0; k < s.cloud.captures.size(); ++k)
-    if (s.setup.is_fine[k]) noise = std::max(noise, s.cloud.captures[k].noise_mm);
-  const double limit = 0.08 + 3 * noise;
+  for (std::size_t k = 0; k < cloud.captures.size(); ++k)
+    if (setup.is_fine[k]) out.noise_mm = std::max(out.noise_mm, cloud.captures[k].noise_mm);
+  return out;
+}
+
+Refusals check_captures(const Solved& s) {
+  const Disagreement found = worst_disagreement(s.setup, s.cloud, s.cells, s.bundle);
+  const double worst = found.distance_mm, limit = 0.08 + 3 * found.noise_mm;
+  const int capture_a = found.capture_a, capture_b = found.capture_b, slot = found.slot;
   if (worst <= limit) return {};
   return {{.code = "fit.captures_contradict",
            .where = s.cloud.captures[capture_a].name + " and " + s.cloud.captures[capture_b].name + ", face " +

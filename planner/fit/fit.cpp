@@ -148,7 +148,7 @@ Result<Done<Features>> fit(const FitRecipe& recipe, const Job& job, const Measur
     if (check_seen(setup, cells, job).empty()) break;
   }
   if (Refusals r = check_seen(setup, cells, job); !r.empty()) return refuse_all(std::move(r));
-  // The captures stay as located until the faces have the freedom they need: else a bent face would tear its captures apart.
+  // The captures stay as located while the faces get the freedom they need: else a bent face would tear its captures apart.
   const std::vector<CaptureModel> free_captures = setup.captures;
   for (CaptureModel& c : setup.captures) c.is_free = false;
   bundle = solve_bundle({}, cells, T, setup.faces, setup.captures);
@@ -171,8 +171,16 @@ Result<Done<Features>> fit(const FitRecipe& recipe, const Job& job, const Measur
   cells = associate(close, cloud, T, corrections_of(setup), use, setup.edges, setup.faces, setup.all_edges, setup.all_edges_index);
   bundle = solve_bundle({}, cells, T, setup.faces, setup.captures);
   choose_fields(setup, cells, bundle, T);
-  setup.captures = free_captures;
   bundle = solve_bundle({}, cells, T, setup.faces, setup.captures);
+  // The location saw the whole part and the robot's error; its corrections are touched only where captures visibly disagree.
+  const Disagreement left = worst_disagreement(setup, cloud, cells, bundle);
+  if (left.distance_mm > 0.035 + 2 * left.noise_mm) {
+    setup.captures = free_captures;
+    bundle = solve_bundle({}, cells, T, setup.faces, setup.captures);
+    done.notes.push_back({Note::Level::note, "fit.captures_refined",
+                          "Two captures put one face " + fixed_number(left.distance_mm, 3) + " mm apart; all captures were adjusted to each other.",
+                          cloud.captures[left.capture_a].name + " and " + cloud.captures[left.capture_b].name});
+  }
   traced = trace_all(setup, job, recipe, true);
   if (Refusals r = check_traced(recipe, setup, traced, job); !r.empty()) return refuse_all(std::move(r));
 
