@@ -164,6 +164,7 @@ void check_burr_clearance(Verdict& v, const ItemView& item, const Program& p, co
     }
   double least = 1e6;
   int where = -1;
+  const CutterForm form(cutter);
   for (std::size_t i = 0; i < r.samples.size(); ++i) {
     if (is_cutting[i]) continue;
     const Vec3 tip = r.samples[i].T_base_tool.p_mm, axis = r.samples[i].T_base_tool.direction(Vec3::UnitZ());
@@ -171,7 +172,7 @@ void check_burr_clearance(Verdict& v, const ItemView& item, const Program& p, co
       const Vec3 d = b.p - tip;
       if (d.squaredNorm() > 3600) continue;
       const double u = -d.dot(axis);
-      const double gap = cutter_gap(cutter, u, (d + u * axis).norm()) - b.radius;
+      const double gap = form.gap(u, (d + u * axis).norm()) - b.radius;
       if (gap < least) least = gap, where = r.samples[i].instruction;
     }
   }

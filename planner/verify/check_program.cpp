@@ -123,6 +123,7 @@ void check_clearance(Verdict& v, const CellSpec& cell, const Arm& arm, const Pro
                      const Cutter* cutter, const Pose<frame::Flange, frame::Tool>& T_flange_tool, const std::vector<Standing>& world,
                      const Standing* part, const Limits& limits) {
   if (r.samples.empty()) return;
+  const std::vector<ArmState> states = states_of(arm, r.samples);
   std::vector<Body> links, held;
   std::vector<Standing> own;
   for (const LinkMesh& l : cell.robot.links) {
@@ -143,7 +144,7 @@ void check_clearance(Verdict& v, const CellSpec& cell, const Arm& arm, const Pro
     bool is_ok = true;
     std::string place;
     for (const PairRule& rule : rules) {
-      const ClearanceResult c = follow_clearance(arm, r.samples, is_cutting, rule);
+      const ClearanceResult c = follow_clearance(arm, r.samples, states, is_cutting, rule);
       limit = rule.least_mm;
       const bool holds = c.least_mm >= rule.least_mm && c.is_certain;
       const double shown = c.is_certain ? c.least_mm : std::min(c.least_mm, c.uncertain_mm);

@@ -7,7 +7,8 @@
 namespace asbuilt::verifying {
 
 namespace {
-constexpr int kDepthMax = 10;  // bisections between two samples
+constexpr int kDepthMax = 10;     // bisections between two samples
+constexpr double kFarMm = 60;     // beyond this a lower bound will do
 
 double line_distance(const Vec3& p, const JointAxis& a) { return (p - a.point).cross(a.direction.normalized()).norm(); }
 }  // namespace
@@ -121,7 +122,7 @@ int Tree::build(std::vector<int>& order, int begin, int end) {
   return id;
 }
 
-double Tree::distance(const Eigen::Isometry3d& T, const Tree& other, double cap) const {
+double Tree::distance(const Eigen::Isometry3d& T, const Tree& other, double cap, WitnessPair* witness) const {
   if (nodes_.empty() || other.nodes_.empty()) return 1e9;
   const auto bound = [&](int a, int b) {
     const Node& n = nodes_[static_cast<std::size_t>(a)];
@@ -134,15 +135,24 @@ double Tree::distance(const Eigen::Isometry3d& T, const Tree& other, double cap)
   std::vector<Entry> stack{{bound(0, 0), 0, 0}};
   if (stack[0].low > cap) return stack[0].low;
   double best = 1e300;
+  const auto pair_distance = [&](int mine, int theirs) {
+    std::array<Vec3, 3> c = corners_of(mesh_, mine);
+    for (Vec3& v : c) v = T * v;
+    return triangle_triangle(c, corners_of(other.mesh_, theirs));
+  };
+  if (witness != nullptr && witness->mine >= 0) best = pair_distance(witness->mine, witness->theirs);
+  if (best == 0) return 0;
   while (!stack.empty()) {
     const Entry e = stack.back();
     stack.pop_back();
     if (e.low >= best) continue;
     const Node &x = nodes_[static_cast<std::size_t>(e.a)], &y = other.nodes_[static_cast<std::size_t>(e.b)];
     if (x.triangle >= 0 && y.triangle >= 0) {
-      std::array<Vec3, 3> mine = corners_of(mesh_, x.triangle);
-      for (Vec3& v : mine) v = T * v;
-      best = std::min(best, triangle_triangle(mine, corners_of(other.mesh_, y.triangle)));
+      const double d = pair_distance(x.triangle, y.triangle);
+      if (d < best) {
+        best = d;
+        if (witness != nullptr) *witness = {x.triangle, y.triangle};
+      }
       if (best == 0) return 0;
       continue;
     }
@@ -163,9 +173,9 @@ Body::Body(std::string name, int link, Mesh mesh) : name_(std::move(name)), link
   if (!tree_.is_empty()) query_ = std::make_shared<MeshQuery>(std::move(mesh));
 }
 
-double Body::distance(const Eigen::Isometry3d& T, const Standing& standing, double cap) const {
+double Body::distance(const Eigen::Isometry3d& T, const Standing& standing, double cap, WitnessPair* witness) const {
   if (tree_.is_empty() || standing.tree.is_empty()) return 1e9;
-  const double d = tree_.distance(T, standing.tree, cap);
+  const double d = tree_.distance(T, standing.tree, cap, witness);
   if (d == 0) return 0;
   // surfaces apart can still be one inside the other
   const Vec3 mine = T * tree_.mesh().vertices[static_cast<std::size_t>(tree_.mesh().triangles.front()[0])];
@@ -188,14 +198,26 @@ double Body::motion_bound(const ArmState& a, const JointVector& q_a, const Joint
   return 1.05 * sum;  // the distances change a little on the way; steps are a degree or two
 }
 
-ClearanceResult follow_clearance(const Arm& arm, const std::vector<Sample>& samples, const std::vector<char>& is_cutting, const PairRule& rule) {
+std::vector<ArmState> states_of(const Arm& arm, const std::vector<Sample>& samples) {
+  std::vector<ArmState> out;
+  out.reserve(samples.size());
+  for (const Sample& s : samples) out.push_back(arm.state(s.q_rad));
+  return out;
+}
+
+ClearanceResult follow_clearance(const Arm& arm, const std::vector<Sample>& samples, const std::vector<ArmState>& states,
+                                 const std::vector<char>& is_cutting, const PairRule& rule) {
   ClearanceResult out;
   const Body& body = *rule.body;
   if (body.is_empty() || rule.standing->tree.is_empty()) return out;
   out.pair = body.name() + " - " + rule.standing->name;
+  WitnessPair witness;
   const auto exact = [&](const ArmState& s) {
     const Eigen::Isometry3d T = s.link[static_cast<std::size_t>(rule.standing->link)].inverse() * body.pose(s);
-    return body.distance(T, *rule.standing, std::min(out.least_mm, 60.0));
+    return body.distance(T, *rule.standing, std::min(out.least_mm, kFarMm), &witness);
+  };
+  const auto note = [&](double d, std::size_t i) {
+    if (d < out.least_mm) out.least_mm = d, out.instruction = samples[i].instruction;
   };
   // certifies the way between two states whose distances are d_a and d_b
   const auto certify = [&](auto&& self, const JointVector& q_a, double d_a, const JointVector& q_b, double d_b, int depth) -> double {
@@ -208,35 +230,35 @@ ClearanceResult follow_clearance(const Arm& arm, const std::vector<Sample>& samp
     return std::min(self(self, q_a, d_a, q, d, depth + 1), self(self, q, d, q_b, d_b, depth + 1));
   };
   double known = -1;  // lower bound of the distance at the sample before; -1: none
-  bool is_exact = false;
   for (std::size_t i = 0; i < samples.size(); ++i) {
     if (rule.only_rapid && is_cutting[i]) {
       known = -1;
       continue;
     }
-    const ArmState s = arm.state(samples[i].q_rad);
+    const ArmState& s = states[i];
     double mu = 0;
     if (known >= 0 && i > 0) {
-      mu = body.motion_bound(arm.state(samples[i - 1].q_rad), samples[i - 1].q_rad, samples[i].q_rad, rule.standing->link);
+      mu = body.motion_bound(states[i - 1], samples[i - 1].q_rad, samples[i].q_rad, rule.standing->link);
       const double low = known - mu;
       // far enough that neither the least distance so far nor the requirement is in question
-      if (low > rule.least_mm + 0.5 && low >= std::min(out.least_mm, 60.0)) {
-        known = low, is_exact = false;
+      if (low > rule.least_mm + 0.5 && low >= 0.9 * std::min(out.least_mm, kFarMm)) {
+        note(low, i);
+        known = low;
         continue;
       }
     }
     const double d = exact(s);
-    if (d < out.least_mm) out.least_mm = d, out.instruction = samples[i].instruction;
+    note(d, i);
     if (known >= 0 && i > 0 && d >= rule.least_mm) {
       double before = known;
-      if (0.5 * (before + d - mu) < rule.least_mm && !is_exact) before = exact(arm.state(samples[i - 1].q_rad));
+      if (0.5 * (before + d - mu) < rule.least_mm) before = exact(states[i - 1]);
       const double certain = certify(certify, samples[i - 1].q_rad, before, samples[i].q_rad, d, 0);
       if (certain < rule.least_mm && before >= rule.least_mm) {
         out.is_certain = false;
         if (certain < out.uncertain_mm) out.uncertain_mm = certain;
       }
     }
-    known = std::max(0.0, d), is_exact = true;
+    known = std::max(0.0, d);
   }
   return out;
 }

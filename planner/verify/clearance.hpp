@@ -13,6 +13,11 @@
 
 namespace asbuilt::verifying {
 
+/// The triangles that were nearest the time before: a good first guess.
+struct WitnessPair {
+  int mine = -1, theirs = -1;
+};
+
 /// Triangles in a tree of spheres and boxes, for exact distances between two of them.
 class Tree {
  public:
@@ -24,7 +29,7 @@ class Tree {
   double radius() const { return nodes_.front().radius; }
   /// Distance of this surface, moved by T into the other's frame, from the other surface; 0 where they cross.
   /// Where it is more than cap_mm only a lower bound above cap_mm is promised.
-  double distance(const Eigen::Isometry3d& T, const Tree& other, double cap_mm) const;
+  double distance(const Eigen::Isometry3d& T, const Tree& other, double cap_mm, WitnessPair* witness = nullptr) const;
 
  private:
   struct Node {
@@ -57,7 +62,7 @@ class Body {
   /// Pose of the body in base at a posture.
   Eigen::Isometry3d pose(const ArmState& s) const { return link_ >= 7 ? s.flange : s.link[static_cast<std::size_t>(link_)]; }
   /// Distance of the body at T (body to the standing mesh's frame); 0 where the surfaces cross, negative when one is inside the other.
-  double distance(const Eigen::Isometry3d& T, const Standing& standing, double cap_mm = 1e9) const;
+  double distance(const Eigen::Isometry3d& T, const Standing& standing, double cap_mm = 1e9, WitnessPair* witness = nullptr) const;
   /// How far a point of the body can get on the way from posture a to b, at most, seen from the link it is compared with.
   double motion_bound(const ArmState& a, const JointVector& q_a, const JointVector& q_b, int from_link) const;
 
@@ -76,7 +81,7 @@ struct PairRule {
 };
 
 struct ClearanceResult {
-  double least_mm = 1e9;
+  double least_mm = 1e9;       // certain at every sample; at most a tenth below the true least distance
   int instruction = -1;
   std::string pair;
   bool is_certain = true;      // the bound holds between the samples too
@@ -84,7 +89,10 @@ struct ClearanceResult {
 };
 
 /// Follows the samples; `is_cutting` says per sample whether the spindle cuts there.
-ClearanceResult follow_clearance(const Arm& arm, const std::vector<Sample>& samples, const std::vector<char>& is_cutting, const PairRule& rule);
+/// `states` are the arm at the samples.
+ClearanceResult follow_clearance(const Arm& arm, const std::vector<Sample>& samples, const std::vector<ArmState>& states,
+                                 const std::vector<char>& is_cutting, const PairRule& rule);
+std::vector<ArmState> states_of(const Arm& arm, const std::vector<Sample>& samples);
 
 /// The cutter as a closed mesh in the tool's frame.
 Mesh cutter_mesh(const Cutter& cutter, int around_count = 32);

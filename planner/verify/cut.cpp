@@ -41,10 +41,10 @@ class PoseGrid {
   }
 };
 
-double gap_at(const Cutter& c, const CutPose& pose, const Vec3& p) {
+double gap_at(const CutterForm& c, const CutPose& pose, const Vec3& p) {
   const Vec3 d = p - pose.tip;
   const double u = -d.dot(pose.axis);
-  return cutter_gap(c, u, (d + u * pose.axis).norm());
+  return c.gap(u, (d + u * pose.axis).norm());
 }
 
 /// First place along the profile where the gap opens; 0 when its start is not reached.
@@ -62,19 +62,23 @@ Vec3 into(const Vec3& n, const Vec3& tau, const Vec3& other) {
 
 }  // namespace
 
-double cutter_gap(const Cutter& c, double u, double rho) {
-  const double r = 0.5 * c.diameter_mm, top = c.length_mm > 0 ? u - c.length_mm : -1e9;
-  switch (c.shape) {
+CutterForm::CutterForm(const Cutter& c)
+    : shape_(c.shape), radius_(0.5 * c.diameter_mm), tip_(0.5 * c.tip_diameter_mm),
+      shank_(c.shank_diameter_mm > 0 ? 0.5 * c.shank_diameter_mm : radius_), tangent_(std::tan(0.5 * c.included_angle_rad)),
+      cosine_(std::cos(0.5 * c.included_angle_rad)), flank_(radius_), top_(c.length_mm > 0 ? c.length_mm : 4 * c.diameter_mm) {
+  if (shape_ == CutterShape::cone) flank_ = (radius_ - tip_) / tangent_;
+  if (shape_ == CutterShape::cylinder) flank_ = 2 * radius_;
+}
+
+double CutterForm::gap(double u, double rho) const {
+  const double over = u - top_;
+  switch (shape_) {
     case CutterShape::ball:
-      return u > r ? std::max(rho - r, top) : std::sqrt(rho * rho + (u - r) * (u - r)) - r;
+      return u > radius_ ? std::max(rho - radius_, over) : std::sqrt(rho * rho + (u - radius_) * (u - radius_)) - radius_;
     case CutterShape::cylinder:
-      return std::max({-u, rho - r, top});
-    default: {
-      const double half = 0.5 * c.included_angle_rad, tip = 0.5 * c.tip_diameter_mm;
-      const double flank = (r - tip) / std::tan(half);
-      const double shank = c.shank_diameter_mm > 0 ? 0.5 * c.shank_diameter_mm : r;
-      return std::max({-u, u <= flank ? (rho - tip - u * std::tan(half)) * std::cos(half) : rho - shank, top});
-    }
+      return std::max({-u, rho - radius_, over});
+    default:
+      return std::max({-u, u <= flank_ ? (rho - tip_ - u * tangent_) * cosine_ : rho - shank_, over});
   }
 }
 
@@ -85,9 +89,8 @@ EdgeCut cut_edge(const AdaptedEdge& e, const EdgeBurr* burr, const Pose<frame::B
   out.s_mm = e.s_mm;
   out.leg_1_mm.assign(n, 0), out.leg_2_mm.assign(n, 0), out.depth_mm.assign(n, 0), out.beyond_mm.assign(n, -1);
   out.speed_mm_s.assign(n, 0), out.rate_mm3_s.assign(n, 0);
-  const double flank = cutter.shape == CutterShape::cone ? 0.5 * (cutter.diameter_mm - cutter.tip_diameter_mm) / std::tan(0.5 * cutter.included_angle_rad)
-                                                          : cutter.diameter_mm;
-  const double reach = 0.5 * cutter.diameter_mm + flank + 2;
+  const CutterForm form(cutter);
+  const double reach = 0.5 * cutter.diameter_mm + form.flank_mm() + 2;
   const PoseGrid grid(poses, 4.0);
   for (std::size_t i = 0; i < n; ++i) {
     const Vec3 p = T.point(e.adapted[i]), tau = T.direction(e.tangent[i]), n_1 = T.direction(e.n_1[i]), n_2 = T.direction(e.n_2[i]);
@@ -114,7 +117,7 @@ EdgeCut cut_edge(const AdaptedEdge& e, const EdgeBurr* burr, const Pose<frame::B
       for (std::size_t k = a; k < z; ++k) {
         const CutPose& pose = poses[static_cast<std::size_t>(near[k])];
         for (std::size_t j = 0; j < probe.size(); ++j) {
-          const double g = gap_at(cutter, pose, probe[j]);
+          const double g = gap_at(form, pose, probe[j]);
           gap[j] = std::min(gap[j], g);
           if (j == 0 && g < deepest) deepest = g, speed = pose.speed_mm_s;
         }
@@ -166,9 +169,8 @@ Stray stray_cut(const Features& features, const MeshQuery& part, const Pose<fram
     return best;
   };
   const Pose<frame::Part, frame::Base> T_part_base = T.inverse();
-  const double flank = cutter.shape == CutterShape::cone ? 0.5 * (cutter.diameter_mm - cutter.tip_diameter_mm) / std::tan(0.5 * cutter.included_angle_rad)
-                                                          : 0.5 * cutter.diameter_mm;
-  const double top = cutter.length_mm > 0 ? cutter.length_mm : 4 * cutter.diameter_mm;
+  const CutterForm form(cutter);
+  const double flank = form.flank_mm(), top = form.top_mm();
   std::vector<double> heights;
   for (int i = 0; i <= 6; ++i) heights.push_back(flank * i / 6);
   for (double u = flank + 3; u < top; u += 6) heights.push_back(u);
@@ -176,7 +178,7 @@ Stray stray_cut(const Features& features, const MeshQuery& part, const Pose<fram
     double lo = 0, hi = 2 * cutter.diameter_mm;
     for (int k = 0; k < 40; ++k) {
       const double r = 0.5 * (lo + hi);
-      (cutter_gap(cutter, std::max(u, 1e-9), r) > 0 ? hi : lo) = r;
+      (form.gap(std::max(u, 1e-9), r) > 0 ? hi : lo) = r;
     }
     return lo;
   };

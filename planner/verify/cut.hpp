@@ -28,8 +28,19 @@ struct EdgeCut {  // arrays parallel to s_mm
   std::vector<double> rate_mm3_s;   // largest over the visits
 };
 
-/// Signed size of the gap between a point at height u above the tip and distance rho from the axis, and the cutter.
-double cutter_gap(const Cutter& cutter, double u_mm, double rho_mm);
+/// The cutter's outline with its angles worked out.
+class CutterForm {
+ public:
+  explicit CutterForm(const Cutter& cutter);
+  /// Signed size of the gap between a point at height u above the tip and distance rho from the axis, and the cutter; negative inside.
+  double gap(double u_mm, double rho_mm) const;
+  double flank_mm() const { return flank_; }
+  double top_mm() const { return top_; }
+
+ private:
+  CutterShape shape_;
+  double radius_, tip_, shank_, tangent_, cosine_, flank_, top_;
+};
 
 EdgeCut cut_edge(const AdaptedEdge& edge, const EdgeBurr* burr, const Pose<frame::Base, frame::Part>& T_base_part, const Cutter& cutter,
                  const std::vector<CutPose>& poses, double width_mm, double tolerance_mm);

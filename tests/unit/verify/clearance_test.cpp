@@ -60,10 +60,10 @@ TEST(Clearance, a_thin_wall_between_two_samples_is_not_missed) {
   std::vector<Sample> samples(2);
   samples[0].q_rad = a, samples[1].q_rad = b;
   const std::vector<char> none(2, 0);
-  const ClearanceResult r = follow_clearance(arm, samples, none, {&body, &sheet, 1.0, false});
+  const ClearanceResult r = follow_clearance(arm, samples, states_of(arm, samples), none, {&body, &sheet, 1.0, false});
   EXPECT_TRUE(!r.is_certain || r.least_mm < 1.0);
   const Standing away("away", box_mesh(tip + Vec3(-80, 299.8, -80), tip + Vec3(80, 300.2, 80)));
-  const ClearanceResult free = follow_clearance(arm, samples, none, {&body, &away, 1.0, false});
+  const ClearanceResult free = follow_clearance(arm, samples, states_of(arm, samples), none, {&body, &away, 1.0, false});
   EXPECT_TRUE(free.is_certain);
   EXPECT_GT(free.least_mm, 100);
 }
@@ -81,7 +81,7 @@ TEST(Clearance, certified_means_free_at_every_posture_in_between) {
     }
     const Vec3 near = arm.flange(samples[0].q_rad) * Vec3(random.uniform(-120, 120), random.uniform(-120, 120), random.uniform(150, 350));
     const Standing post("post", box_mesh(near - Vec3(5, 5, 40), near + Vec3(5, 5, 40)));
-    const ClearanceResult r = follow_clearance(arm, samples, {0, 0}, {&body, &post, 2.0, false});
+    const ClearanceResult r = follow_clearance(arm, samples, states_of(arm, samples), {0, 0}, {&body, &post, 2.0, false});
     if (!r.is_certain || r.least_mm < 2.0) continue;
     ++certified;
     for (int i = 0; i <= 100; ++i) {
