@@ -273,7 +273,11 @@ class ModelReader {
   }
 
   void walk(std::int64_t pd, const Eigen::Affine3d& T, int depth) {
-    if (depth > kDepthLimit || model_.bodies.size() > kBodiesLimit || ++walks_ > kBodiesLimit) return;
+    if (model_.is_cut) return;
+    if (depth > kDepthLimit || model_.bodies.size() > kBodiesLimit || ++walks_ > kBodiesLimit) {
+      model_.is_cut = true;
+      return;
+    }
     if (!on_path_.insert(pd).second) return;  // a product inside itself
     const auto o = owned_.find(pd);
     if (o != owned_.end()) {
@@ -316,7 +320,10 @@ class ModelReader {
         if (is_body(*it) || is_triangles(b_.key(*it)) || is_loose(b_.key(*it))) {
           if (depth == 0 && !seen_here_.insert(id).second) continue;
           if (only_new && placed_bodies_.count(id)) continue;
-          if (model_.bodies.size() > kBodiesLimit) return;
+          if (model_.bodies.size() + model_.tessellated.size() + loose_.size() > kBodiesLimit) {
+            model_.is_cut = true;
+            return;
+          }
           placed_bodies_.insert(id);
           BodyUse u{id, units_of(rep), T, name};
           (is_body(*it) ? model_.bodies : is_loose(b_.key(*it)) ? loose_ : model_.tessellated).push_back(u);

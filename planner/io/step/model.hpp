@@ -22,6 +22,7 @@ struct Model {
   std::vector<BodyUse> tessellated;  // bodies given as triangles, of products without a B-rep
   Units units;                       // of the first representation with a body, else of the first context
   std::vector<std::string> external;  // files the model refers to
+  bool is_cut = false;                // more than 100 000 placements: the rest was not followed
 };
 
 Units read_units(const Binder& b, std::int64_t context);

@@ -19,7 +19,7 @@ void bisect(const Curve& c, double ta, const CurvePoint& a, double tb, const Cur
                                            off(m.p) > 1e-6 + 1e-4 * l * tol.angle_rad);
   if (!split && depth < 3 && l > tol.chord_mm)  // an S-curve passes through the middle of its chord
     split = std::max(off(evaluate(c, ta + 0.25 * (tb - ta)).p), off(evaluate(c, ta + 0.75 * (tb - ta)).p)) > tol.chord_mm;
-  if (split && depth < 14) {
+  if (split && depth < 12 && out.size() < 50000) {
     bisect(c, ta, a, tm, m, tol, depth + 1, out);
     bisect(c, tm, m, tb, b, tol, depth + 1, out);
   } else {

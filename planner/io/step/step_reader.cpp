@@ -16,6 +16,8 @@ namespace {
 
 using namespace step;
 
+constexpr double kPlacedFacesLimit = 1e6;
+
 /// Appends one placed body to the part.
 void place(const Body& body, const BodyMesh& mesh, const std::vector<BrepEdge>& edges, const Eigen::Affine3d& T, Brep& out) {
   const int face_0 = static_cast<int>(out.faces.size()), edge_0 = static_cast<int>(out.edges.size());
@@ -183,6 +185,14 @@ Result<Done<Brep>> read_step(std::string_view bytes, const std::string& name, co
   Binder binder(file);
   Model model = read_model(binder, out.unread);
   out.units = model.units.name;
+  if (model.is_cut)
+    return refuse({.code = "step.limits",
+                   .where = name + ":1",
+                   .message = "the assembly places more than 100000 products or bodies, or nests deeper than 64; export the part that is worked on alone",
+                   .measured = static_cast<double>(model.bodies.size()),
+                   .limit = 100000,
+                   .unit = "bodies",
+                   .stage = "input"});
 
   std::vector<std::pair<std::int64_t, Body>> bodies;
   double diagonal = 0;
@@ -210,6 +220,26 @@ Result<Done<Brep>> read_step(std::string_view bytes, const std::string& name, co
   tolerance.angle_rad = options.angle_rad > 0 ? options.angle_rad : 0.1745;
 
   timing.topology_s = lap();
+  // How much would be placed, before any of it is made.
+  double samples = 0, placed_faces = 0;
+  for (auto& [id, body] : bodies) {
+    double length = 0;
+    for (const TopoEdge& e : body.edges)
+      length += 9 + (evaluate(e.curve, e.t1).p - evaluate(e.curve, e.t0).p).norm() + (e.is_closed ? 4 * (evaluate(e.curve, 0.5 * (e.t0 + e.t1)).p - evaluate(e.curve, e.t0).p).norm() : 0);
+    const double uses = static_cast<double>(std::count_if(model.bodies.begin(), model.bodies.end(), [&, key = id](const BodyUse& u) { return u.body == key; }));
+    samples += uses * length / std::max(options.edge_step_mm, 1e-3);
+    placed_faces += uses * static_cast<double>(body.faces.size());
+  }
+  if (placed_faces > kPlacedFacesLimit)
+    return refuse({.code = "step.limits",
+                   .where = name + ":1",
+                   .message = "the assembly places more faces than the reader takes; export the part that is worked on alone",
+                   .measured = placed_faces,
+                   .limit = kPlacedFacesLimit,
+                   .unit = "faces",
+                   .stage = "input"});
+  const double edge_step_mm = std::max(options.edge_step_mm, 1e-3) * std::max(1.0, samples / 1e6);
+
   for (auto& [id, body] : bodies) {
     BodyMesh mesh;
     if (options.want_mesh) {
@@ -217,7 +247,7 @@ Result<Done<Brep>> read_step(std::string_view bytes, const std::string& name, co
       orient_shells(body, mesh, done.notes, name);
     }
     timing.mesh_s += lap();
-    const std::vector<BrepEdge> edges = classify_edges(body, 1.0, rad_from_deg(10));
+    const std::vector<BrepEdge> edges = classify_edges(body, edge_step_mm, rad_from_deg(10));
     timing.topology_s += lap();
     for (const BodyUse& use : model.bodies)
       if (use.body == id) place(body, mesh, edges, use.T_root_body, out);

@@ -16,7 +16,8 @@ struct StepTiming {  // s, of one call
 struct StepOptions {
   double chord_mm = 0;       // 0: 1e-4 of the diagonal, at most 0.02 mm, at least 0.001 mm
   double angle_rad = 0.1745; // largest turn of the normal between neighbouring points
-  bool want_mesh = true;
+  double edge_step_mm = 1.0; // samples of edges are at most this far apart (and 10 degrees); wider only in parts with over 1e6 samples
+  bool want_mesh = true;     // false: no mesh, areas and volumes, and shells are not checked for being inside out
   StepTiming* timing = nullptr;      // filled where given
 };
 

@@ -11,6 +11,8 @@
 namespace asbuilt::step {
 namespace {
 
+constexpr std::size_t kVerticesLimit = 4'000'000;  // of one body; past it faces keep their border samples only
+
 struct Step {
   double u = 1e300, v = 1e300;  // parameter steps that keep chord and angle
 };
@@ -188,11 +190,11 @@ class FaceMesher {
       }
     };
     extend();
-    if (want_grid) grid(chart, planar, low, high);
+    if (want_grid && mesh_.vertices.size() < kVerticesLimit) grid(chart, planar, low, high);
     extend();
     PlanarMesh::Inside in = planar.inside();
     if (!chart.is_plane) {
-      std::size_t budget = 40000;
+      std::size_t budget = std::min<std::size_t>(40000, mesh_.vertices.size() > kVerticesLimit ? 0 : kVerticesLimit - mesh_.vertices.size());
       for (int round = 0; round < 10; ++round) {
         std::vector<Vec2> more;
         for (std::size_t t = 0; t < in.triangles.size(); ++t) refine(chart, q, id, in.triangles[t], in.is_border[t], more);

@@ -122,6 +122,19 @@ TEST(StepRefusal, DeepNestingAndLongListsAreFaults) {
   EXPECT_NE(r->artefact.unread[0].why.find("deeper than 64"), std::string::npos);
 }
 
+TEST(StepRefusal, AnAssemblyThatDoublesAtEveryLevel) {
+  StepText s;
+  const int context = s.context();
+  int child = s.product("leaf");
+  s.define(child, s.representation({test::add_box(s, {0, 0, 0}, {1, 1, 1})}, context));
+  for (int level = 0; level < 40; ++level) {
+    const int parent = s.product("level");
+    for (int k = 0; k < 2; ++k) s.add("NEXT_ASSEMBLY_USAGE_OCCURRENCE('','',''," + s.ref(parent) + "," + s.ref(child) + ",$)");
+    child = parent;
+  }
+  EXPECT_EQ(code_of(s.text()), "step.limits");
+}
+
 TEST(StepRefusal, HugeAndTinyNumbers) {
   for (const std::string number : {"1E308", "-1E308", "1E400", "1E-320", "123456789012345678901234567890.", "1E99999999999"}) {
     std::string text = cube_text();
