@@ -46,6 +46,9 @@ Json locate_json(const Location& l) {
   Json values = Json::array();
   for (const double v : l.singular_values) values.push_back(significant(v, 6));
   j["observability"] = {{"singular_values", values}, {"weak_directions", l.weak_directions}};
+  // the tool poses for which base_part and adapted edges are commands, by feature
+  j["tool_reference"] = Json::object();
+  for (const auto& [feature, T] : l.T_base_tool_reference) j["tool_reference"][feature] = pose(T);
   j["hypotheses"] = Json::array();
   for (const Hypothesis& h : l.hypotheses)
     j["hypotheses"].push_back({{"base_part", pose(h.T_base_part)},

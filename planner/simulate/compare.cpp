@@ -6,7 +6,9 @@
 #include <sstream>
 
 #include "planner/base/archive.hpp"
+#include "planner/simulate/files.hpp"
 #include "planner/simulate/simulate.hpp"
+#include "planner/simulate/true_robot.hpp"
 
 namespace asbuilt {
 namespace {
@@ -35,6 +37,34 @@ Nearest nearest(const Polyline& line, const Vec3& q) {
     if ((q - p).norm() < best.distance) best = {(q - p).norm(), t, i, p};
   }
   return best;
+}
+
+Eigen::Quaterniond quaternion(const Json& q) {
+  return Eigen::Quaterniond(q[0].get<double>(), q[1].get<double>(), q[2].get<double>(), q[3].get<double>()).normalized();
+}
+
+/// The commands that bring the real tip to the real points, the tool turned as the plan says.
+Polyline touch_points(const Json& truth, const Polyline& p_base, const Eigen::Quaterniond& q_base_tool) {
+  using namespace simulate_detail;
+  const CellSpec cell = virtual_cell();
+  const auto robot = Robot::from(cell.robot);
+  must(robot.has_value(), "the virtual robot was refused");
+  const auto tool = [&](const char* name) {
+    return Pose<frame::Flange, frame::Tool>(quaternion(truth[name]["quat"]), vec(truth[name]["xyz"]));
+  };
+  const auto tool_true = tool("flange_tool_true"), tool_given = tool("flange_tool_given");
+  const TrueRobot arm = arm_of(cell.robot, tool_given, truth["robot_seed"].get<std::uint64_t>());
+  Polyline out;
+  for (const Vec3& want : p_base) {
+    Pose<frame::Base, frame::Tool> command(q_base_tool, want);
+    for (int round = 0; round < 3; ++round) {
+      const auto q = posture(*robot, command * tool_given.inverse());
+      if (!q) break;
+      command.p_mm += want - (arm.actual(*q) * tool_true).p_mm;
+    }
+    out.push_back(command.p_mm);
+  }
+  return out;
 }
 
 double percentile(std::vector<double> v, double share) {
@@ -68,13 +98,15 @@ Result<Done<std::map<std::string, double>>> compare_with_truth(const std::filesy
       return Done<std::map<std::string, double>>{out, {}};
     const Json& b = r["locate"]["base_part"];
     const Pose<frame::Base, frame::Part> T(
-        Eigen::Quaterniond(b["quat"][0].get<double>(), b["quat"][1].get<double>(), b["quat"][2].get<double>(), b["quat"][3].get<double>()).normalized(),
-        vec(b["xyz"]));
+        quaternion(b["quat"]), vec(b["xyz"]));
     const double width = t["width_mm"], tolerance = t["tolerance_mm"];
     std::vector<double> adapted, drawn, burr;
     std::size_t stations = 0, seen = 0, within = 0, within_drawn = 0, sigma_2 = 0, burr_stations = 0;
     for (const Json& e : t["edges"]) {
-      const Polyline touch = points(e["touch"]), n1 = points(e["n_1"]), n2 = points(e["n_2"]);
+      const Json& reference = r["locate"]["tool_reference"];
+      const std::string feature = e["feature"];
+      const Eigen::Quaterniond q_tool = reference.contains(feature) ? quaternion(reference[feature]["quat"]) : quat_from_z(-Vec3::UnitZ(), Vec3::UnitX());
+      const Polyline touch = touch_points(t, points(e["p"]), q_tool), n1 = points(e["n_1"]), n2 = points(e["n_2"]);
       const double length = e["s"].back();
       for (std::size_t k = 0; k < touch.size(); ++k) {
         const double s = e["s"][k];

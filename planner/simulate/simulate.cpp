@@ -30,19 +30,6 @@ const std::set<std::string>& known_traps() {
   return t;
 }
 
-/// The posture a programmer would teach: near home, above all in the arm's first three joints.
-std::optional<JointVector> posture(const Robot& robot, const BaseFlange& T) {
-  const double weight[6] = {1.5, 1.5, 1.2, 0.6, 0.8, 0.4};
-  std::optional<JointVector> best;
-  double best_cost = 1e300;
-  for (const JointVector& q : robot.inverse(T)) {
-    double cost = 0;
-    for (int i = 0; i < 6; ++i) cost += weight[i] * std::abs(q[i] - robot.spec().home_rad[i]);
-    if (cost < best_cost) best_cost = cost, best = q;
-  }
-  return best;
-}
-
 struct Burr {  // one edge's burr, parallel to the edge's samples
   std::vector<double> height_mm, length_mm, width_mm;
   std::vector<Vec3> direction;
@@ -212,7 +199,7 @@ Result<Done<std::filesystem::path>> simulate(const Scenario& sc, const std::file
   }
   const auto tool_true = drawn(cell.tools[0].T_flange_tool, 0.3, 0.0003, calibration_random);
   const auto tool_given = drawn(tool_true, sd_tool, sd_tool_rad, calibration_random);
-  const TrueRobot arm(cell.robot, tool_given, sc.seed, 0.42, 0.07, 0.02);
+  const TrueRobot arm = arm_of(cell.robot, tool_given, sc.seed);
 
   // ---- fixture and mounting
   const double lift = 22;
@@ -358,7 +345,6 @@ Result<Done<std::filesystem::path>> simulate(const Scenario& sc, const std::file
                          sc.part, sc.seed, item, item));
 
   // ---- the truth, for the comparison alone
-  const Vec3 up = Vec3::UnitZ();
   Json t = Json::object();
   t["item"] = item, t["part"] = sc.part, t["seed"] = sc.seed, t["trap"] = sc.trap;
   t["expect"] = sc.trap.empty() || sc.trap == "nan_points" ? "emit" : "refuse";
@@ -367,27 +353,16 @@ Result<Done<std::filesystem::path>> simulate(const Scenario& sc, const std::file
   t["width_mm"] = 0.4, t["tolerance_mm"] = 0.1;
   t["captures"] = captures_truth;
   t["edges"] = Json::array();
+  t["robot_seed"] = sc.seed, t["flange_tool_true"] = to_json(tool_true), t["flange_tool_given"] = to_json(tool_given);
   for (std::size_t i = 0; i < edges.size(); ++i) {
     const TrueEdge& e = edges[i];
-    // the command that brings the real tip to the real edge, in the posture the edge is worked in
-    Vec3 out_base = T_base_part.direction(e.n_2[e.p.size() / 2]);
-    if (i % 4 >= 2) out_base = -out_base;
-    const Eigen::Quaterniond q_work = quat_from_z(-up, out_base);
-    Json touch = Json::array(), p = Json::array(), n1 = Json::array(), n2 = Json::array();
+    Json p = Json::array(), n1 = Json::array(), n2 = Json::array(), h = Json::array(), s = Json::array();
     for (std::size_t k = 0; k < e.p.size(); k += 2) {
-      const Vec3 want = T_base_part.point(e.p[k]);
-      BaseTool command(q_work, want);
-      for (int round = 0; round < 3; ++round) {
-        const auto q = posture(robot, command * tool_given.inverse());
-        must(q.has_value(), "a virtual edge is out of reach");
-        command.p_mm += want - (arm.actual(*q) * tool_true).p_mm;
-      }
-      touch.push_back(to_json(command.p_mm));
-      p.push_back(to_json(want)), n1.push_back(to_json(T_base_part.direction(e.n_1[k]))), n2.push_back(to_json(T_base_part.direction(e.n_2[k])));
+      p.push_back(to_json(T_base_part.point(e.p[k])));
+      n1.push_back(to_json(T_base_part.direction(e.n_1[k]))), n2.push_back(to_json(T_base_part.direction(e.n_2[k])));
+      h.push_back(burrs[i].height_mm[k]), s.push_back(e.s_mm[k]);
     }
-    Json h = Json::array(), s = Json::array();
-    for (std::size_t k = 0; k < e.p.size(); k += 2) h.push_back(burrs[i].height_mm[k]), s.push_back(e.s_mm[k]);
-    t["edges"].push_back({{"id", e.id}, {"feature", e.feature}, {"s", s}, {"p", p}, {"touch", touch}, {"n_1", n1}, {"n_2", n2}, {"burr_height", h}});
+    t["edges"].push_back({{"id", e.id}, {"feature", e.feature}, {"s", s}, {"p", p}, {"n_1", n1}, {"n_2", n2}, {"burr_height", h}});
   }
   write_text(truth / "truth.json", t.dump() + "\n");
   return Done<std::filesystem::path>{batch / "batch.yaml", {}};

@@ -110,4 +110,20 @@ Pose<frame::Base, frame::Flange> TrueRobot::actual(const Joints& q_rad, Random& 
   return chain(q_rad, true, &e);
 }
 
+std::optional<Joints> posture(const Robot& robot, const Pose<frame::Base, frame::Flange>& T) {
+  const double weight[6] = {1.5, 1.5, 1.2, 0.6, 0.8, 0.4};
+  std::optional<Joints> best;
+  double best_cost = 1e300;
+  for (const JointVector& q : robot.inverse(T)) {
+    double cost = 0;
+    for (int i = 0; i < 6; ++i) cost += weight[i] * std::abs(q[i] - robot.spec().home_rad[i]);
+    if (cost < best_cost) best_cost = cost, best = q;
+  }
+  return best;
+}
+
+TrueRobot arm_of(const RobotSpec& spec, const Pose<frame::Flange, frame::Tool>& T_flange_tool, std::uint64_t seed) {
+  return TrueRobot(spec, T_flange_tool, seed, 0.42, 0.07, 0.02);
+}
+
 }  // namespace asbuilt::simulate_detail

@@ -4,9 +4,11 @@
 #pragma once
 
 #include <array>
+#include <optional>
 
 #include "planner/artefacts/job.hpp"
 #include "planner/base/random.hpp"
+#include "planner/robot/robot.hpp"
 
 namespace asbuilt::simulate_detail {
 
@@ -38,5 +40,11 @@ class TrueRobot {
 
   Pose<frame::Base, frame::Flange> chain(const Joints& q_rad, bool real, const Joints* extra) const;
 };
+
+/// The posture a programmer would teach: near home, above all in the arm's first three joints.
+std::optional<Joints> posture(const Robot& robot, const Pose<frame::Base, frame::Flange>& T_base_flange);
+
+/// The arm of a scenario: everything about it follows from the seed.
+TrueRobot arm_of(const RobotSpec& spec, const Pose<frame::Flange, frame::Tool>& T_flange_tool, std::uint64_t seed);
 
 }  // namespace asbuilt::simulate_detail
