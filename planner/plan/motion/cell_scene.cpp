@@ -30,6 +30,21 @@ CellScene cell_scene(const Robot& robot, const Job& job, const Mesh& part, const
   }
   moving.push_back(c.scene.add("tool " + tool.id, kMountFlange, tool.mesh_flange));
   for (const SensorSpec& s : job.cell.sensors) moving.push_back(c.scene.add("sensor " + s.id, kMountFlange, s.mesh_flange));
+  std::string without;  // a body that is not drawn is never in the way
+  const auto missing = [&](bool is_missing, const std::string& name) {
+    if (is_missing) without += (without.empty() ? "" : ", ") + name;
+  };
+  missing(part.triangles.empty(), "part");
+  missing(job.fixture.mesh_fixture.triangles.empty(), "fixture");
+  missing(tool.mesh_flange.triangles.empty(), "tool " + tool.id);
+  for (const SensorSpec& s : job.cell.sensors) missing(s.mesh_flange.triangles.empty(), "sensor " + s.id);
+  for (int k = 1; k <= 6; ++k)
+    missing(std::none_of(job.cell.robot.links.begin(), job.cell.robot.links.end(),
+                         [&](const LinkMesh& l) { return l.joint == k && !l.mesh.triangles.empty(); }),
+            "robot link " + std::to_string(k));
+  if (!without.empty())
+    c.notes.push_back({Note::Level::warning, "motion.not_drawn", "no mesh is given, so nothing is known of their clearance: " + without, "cell"});
+
   // Directly above the cutting edge the cutter is as near to the work as the cut makes it; from one clearance higher on it is shank.
   const double split = std::min(c.profile.length_mm, c.profile.cutting_height_mm + clearance_mm);
   c.shank = c.scene.add("cutter shank", kMountFlange, transformed(tool.T_flange_tool, cutter_mesh(c.profile, split, c.profile.length_mm)));

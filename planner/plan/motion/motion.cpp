@@ -246,9 +246,10 @@ Result<Done<Motion>> plan_motion(const MotionRecipe& recipe, const Job& job, con
 
     const int index = static_cast<int>(k);
     assembly->joint_moves(transfer, recipe.transfer_speed_ratio);
-    assembly->straight(SegmentKind::approach, index, m.approach, std::vector<double>(m.approach.size(), m.approach_speed_mm_s), m.approach_clearance_mm);
+    const std::vector<double> straight_speed(2, m.approach_speed_mm_s);
+    assembly->straight(SegmentKind::approach, index, {m.approach.front(), m.approach.back()}, straight_speed, m.approach_clearance_mm);
     assembly->straight(SegmentKind::cut, index, emitted(m.stations, m.cut), emitted_feeds(m.stations, m.feed_mm_s), m.cut_clearance_mm);
-    assembly->straight(SegmentKind::retract, index, m.retract, std::vector<double>(m.retract.size(), m.approach_speed_mm_s), m.retract_clearance_mm);
+    assembly->straight(SegmentKind::retract, index, {m.retract.front(), m.retract.back()}, straight_speed, m.retract_clearance_mm);
     assembly->motion.singularity_min_ratio = std::min(assembly->motion.singularity_min_ratio, m.singularity_ratio);
     departures[pass.feature] = std::max(departures[pass.feature], m.departure_mm);
     q = m.retract.back();

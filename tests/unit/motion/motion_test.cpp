@@ -91,6 +91,17 @@ TEST(Motion, FourEdgesInTwoPassesEach) {
   expect_on_path(c, m->artefact);
 }
 
+TEST(Motion, WhatIsNotDrawnIsTold) {
+  SmallCell c = small_cell();
+  c.job.cell.robot.links.pop_back();
+  c.job.fixture.mesh_fixture = {};
+  const auto m = plan(c);
+  ASSERT_TRUE(m.has_value());
+  ASSERT_EQ(m->notes.size(), 1u);
+  EXPECT_EQ(m->notes[0].code, "motion.not_drawn");
+  EXPECT_NE(m->notes[0].text.find("fixture, robot link 6"), std::string::npos) << m->notes[0].text;
+}
+
 TEST(Motion, SameInputsSameMotion) {
   const SmallCell c = small_cell();
   const auto a = plan(c), b = plan(c);

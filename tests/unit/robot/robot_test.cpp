@@ -47,7 +47,7 @@ TEST(Robot, InverseReproducesThePoseAndHoldsTheStartingJoints) {
     Random random = Random::stream(7, "inverse");
     double worst = 0;
     int missed = 0;
-    for (int k = 0; k < 5000; ++k) {
+    for (int k = 0; k < 50000; ++k) {
       const JointVector q = random_joints(s, random);
       const auto T = r.forward(q);
       bool is_found = false;
