@@ -18,7 +18,9 @@ namespace asbuilt {
 namespace {
 
 /// Checks of a program's files and path against the result they came with.
-Result<std::vector<Check>> checks_against(const Json& result, const ReadProgram& read) {
+Result<std::vector<Check>> checks_against(const Json& result, const ReadProgram& read, const CellSpec& cell) {
+  double reach_mm = 0;  // a tip that works an edge is no farther from it than its cutter is wide
+  for (const ToolSpec& tool : cell.tools) reach_mm = std::max(reach_mm, tool.cutter.diameter_mm);
   std::vector<Check> checks;
   try {
     for (const ProgramFile& f : read.text.files) {
@@ -48,8 +50,7 @@ Result<std::vector<Check>> checks_against(const Json& result, const ReadProgram&
         }
         farthest_mm = std::max(farthest_mm, nearest_mm);
       }
-      // the tip of a cutter runs below the edge by no more than the cutter is wide
-      checks.push_back({"edge_visited", farthest_mm, 15, "mm", "edge " + e.at("id").get<std::string>(), farthest_mm <= 15});
+      checks.push_back({"edge_visited", farthest_mm, reach_mm, "mm", "edge " + e.at("id").get<std::string>(), farthest_mm <= reach_mm});
     }
   } catch (const Json::exception& fault) {
     return refuse({.code = "input.bad_result", .where = "--result", .message = std::string("found no result/1 of asbuilt: ") + fault.what(), .stage = "input"});
@@ -93,7 +94,7 @@ int verify_command(const VerifyArguments& a, Console& console) {
     const auto lint = find_post(read.text.language)->lint(read.text, context);
     verdict.checks.insert(verdict.checks.end(), lint.begin(), lint.end());
     if (!a.result.empty()) {
-      const auto more = checks_against(result, read);
+      const auto more = checks_against(result, read, *cell);
       if (!more) return console.complain(more.error()), 2;
       verdict.checks.insert(verdict.checks.end(), more->begin(), more->end());
     }
