@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <chrono>
+#include <cstdlib>
 
 #include "planner/base/archive.hpp"
 #include "tests/support/post_programs.hpp"
@@ -13,7 +14,11 @@ namespace {
 
 using namespace support;
 
-constexpr int kPrograms = 2000;
+/// POST_PROGRAMS sets the number of programs a dialect for the long run.
+int programs_count() {
+  const char* asked = std::getenv("POST_PROGRAMS");
+  return asked ? std::atoi(asked) : 2000;
+}
 
 class PostContract : public testing::TestWithParam<Language> {
  protected:
@@ -23,7 +28,7 @@ class PostContract : public testing::TestWithParam<Language> {
 
 TEST_P(PostContract, reads_back_what_it_wrote) {
   const Tolerance tolerance = tolerance_of(post(), context);
-  for (int seed = 1; seed <= kPrograms; ++seed) {
+  for (int seed = 1; seed <= programs_count(); ++seed) {
     const Program p = random_program(seed);
     const auto text = post().write(p, context);
     ASSERT_TRUE(text) << "seed " << seed << "\n" << text_of(text.error());

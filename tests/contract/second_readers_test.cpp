@@ -4,8 +4,10 @@
 #include <gtest/gtest.h>
 
 #include <cstdlib>
+#include <array>
 #include <filesystem>
 #include <fstream>
+#include <sstream>
 
 #include "planner/base/archive.hpp"
 #include "tests/support/post_programs.hpp"
@@ -27,17 +29,25 @@ TEST(PostSecondOpinion, foreign_readers_see_the_same_motions) {
   if (!fs::exists("../shared/judge/vc/programs.py")) GTEST_SKIP() << "no second set of readers beside the project";
   const fs::path work = fs::path(testing::TempDir()) / "post_second_opinion";
   fs::remove_all(work);
-  const PostContext context = post_context();
+  PostContext context = post_context();
   Json cell;
-  cell["controller"]["inform"] = {{"pulses_per_degree", *context.cell.controller.pulses_per_degree}, {"speed_unit", "mm/s"}};
-  cell["controller"]["beckhoff"]["orientation"] = "cba";
+  cell["controller"]["inform"] = {{"pulses_per_degree", *context.cell.controller.pulses_per_degree}};
   for (const ToolSpec& t : {context.cell.tools[0]}) {
     const auto& T = t.T_flange_tool;
     cell["tools"].push_back({{"id", t.id}, {"number", t.number}, {"spindle", {{"max_rpm", t.spindle.max_rpm}, {"output", t.spindle.output}, {"analog", t.spindle.analog}}},
                              {"flange_tool", {{"xyz", {T.p_mm.x(), T.p_mm.y(), T.p_mm.z()}}, {"quat", {T.q.w(), T.q.x(), T.q.y(), T.q.z()}}}}});
   }
   for (int seed = 1; seed <= 30; ++seed) {
-    const Program p = random_program(seed, {.has_two_tools = false});
+    // every third program in another orientation mode, every second in the other speed unit, every fifth in a user frame or in modules
+    auto& options = context.cell.controller.options;
+    context.cell.controller.orientation = std::array{BeckhoffOrientation::cba, BeckhoffOrientation::ypr, BeckhoffOrientation::euler}[seed % 3];
+    context.cell.controller.speed_unit = seed % 2 ? SpeedUnit::mm_s : SpeedUnit::cm_min;
+    options.erase("inform.user_frame"), options.erase("krl.max_lines"), options.erase("inform.max_lines");
+    if (seed % 5 == 0) options["inform.user_frame"] = "7";
+    if (seed % 5 == 1) options["krl.max_lines"] = options["inform.max_lines"] = "50";
+    cell["controller"]["inform"]["speed_unit"] = std::string(name_of(*context.cell.controller.speed_unit));
+    cell["controller"]["beckhoff"]["orientation"] = std::string(name_of(*context.cell.controller.orientation));
+    const Program p = random_program(seed, {.has_two_tools = false, .has_new_frames = seed % 5 != 0});
     Json expected = Json::array();
     double rpm = 0;
     for (const Instruction& i : p.instructions) {
@@ -65,6 +75,110 @@ TEST(PostSecondOpinion, foreign_readers_see_the_same_motions) {
   }
   const std::string command = "/usr/bin/python3 tests/contract/second_readers.py ../shared/judge " + work.string();
   EXPECT_EQ(std::system(command.c_str()), 0) << command;
+}
+
+/// The ISO part of Beckhoff programs in the interpreter of a machine control, where it is installed (rs274 of linuxcnc-uspace; RS274
+/// names it elsewhere): the canonical motions it makes are the planned ones, in the work frame. Commands with # and the G words it
+/// does not know are taken out first; its exit status says nothing, its text does.
+TEST(PostSecondOpinion, an_iso_interpreter_makes_the_same_motions) {
+  const char* asked = std::getenv("RS274");
+  const fs::path tool = asked ? asked : "/usr/bin/rs274";
+  if (!fs::exists(tool)) GTEST_SKIP() << "no rs274 (package linuxcnc-uspace); RS274 may name it";
+  const fs::path work = fs::path(testing::TempDir()) / "post_iso";
+  fs::create_directories(work);
+  std::ofstream(work / "tool.tbl") << "T1 P1 Z0\n";
+  std::ofstream(work / "var") << "";
+  const PostContext context = post_context();
+  int motions = 0;
+  for (int seed = 1; seed <= 40; ++seed) {
+    const Program p = random_program(seed, {.has_two_tools = false});
+    const auto text = find_post(Language::beckhoff)->write(p, context);
+    ASSERT_TRUE(text);
+    std::istringstream in(text->files[0].bytes);
+    std::ofstream out(work / "a.ngc");
+    for (std::string line; std::getline(in, line);) {
+      line.pop_back();
+      if (line[0] == '%' || line[0] == ';') continue;
+      line.erase(0, line.find(' ') + 1);
+      if (line[0] == '#' || line[0] == 'T') continue;
+      const auto change = [&](const std::string& a, const std::string& b) {
+        if (const std::size_t at = line.find(a); at != std::string::npos) line.replace(at, a.size(), b);
+      };
+      change("G71", "G21"), change("G261 ", ""), change("G260 ", ""), change("G04 X", "G04 P");
+      if (line[0] == 'M' && line != "M30" && line != "M05") continue;
+      if (line == "G260") continue;
+      out << line << "\n";
+    }
+    out.close();
+    const std::string command = "cd " + work.string() + " && LD_LIBRARY_PATH=" + (tool.parent_path().parent_path() / "lib").string() + " " + tool.string() +
+                                " -g -n 0 -t tool.tbl -v var a.ngc > canon.txt 2> errors.txt";
+    ASSERT_EQ(std::system(command.c_str()), 0) << command;
+    std::ifstream canon(work / "canon.txt");
+    std::vector<std::pair<std::string, std::vector<double>>> calls;
+    double feed = 0, spin = 0;
+    bool is_turning = false;
+    for (std::string line; std::getline(canon, line);) {
+      const std::size_t at = line.find("N..... ");
+      if (at == std::string::npos) continue;
+      const std::string call = line.substr(at + 7, line.find('(', at) - at - 7);
+      std::vector<double> v;
+      std::string rest = line.substr(line.find('(', at) + 1);
+      for (char& c : rest)
+        if (c == ',' || c == ')') c = ' ';
+      std::istringstream numbers(rest);
+      for (double x; numbers >> x;) v.push_back(x);
+      if (call == "SET_FEED_RATE" && !v.empty()) feed = v[0];
+      if (call == "SET_SPINDLE_SPEED" && !v.empty()) spin = v.back();
+      if (call == "START_SPINDLE_CLOCKWISE") is_turning = true;
+      if (call == "STOP_SPINDLE_TURNING") is_turning = false;
+      if (call == "STRAIGHT_FEED" || call == "ARC_FEED") v.push_back(feed), v.push_back(is_turning ? spin : 0), calls.push_back({call, v});
+    }
+    Pose<frame::Base, frame::Work> T_base_work;
+    std::size_t k = 0, at = 0;
+    Vec3 before = Vec3::Zero();
+    double rpm = 0;
+    for (const Instruction& i : p.instructions) {
+      if (const auto* s = std::get_if<SpindleOn>(&i)) rpm = s->rpm;
+      if (std::holds_alternative<SpindleOff>(i)) rpm = 0;
+      if (std::holds_alternative<SetFrame>(i)) {
+        const std::string head = "#CS DEF [1][";  // the frame as it stands in the text
+        at = text->files[0].bytes.find(head, at) + head.size();
+        std::istringstream numbers(text->files[0].bytes.substr(at, 120));
+        std::array<double, 6> v{};
+        char comma = 0;
+        for (double& x : v) numbers >> x >> comma;
+        T_base_work = {quat_from_zyx(rad_from_deg(v[5]), rad_from_deg(v[4]), rad_from_deg(v[3])), Vec3(v[0], v[1], v[2])};
+      }
+      const auto* line = std::get_if<MoveLinear>(&i);
+      const auto* arc = std::get_if<MoveCircular>(&i);
+      if (!line && !arc && !std::holds_alternative<MoveJoint>(i)) continue;
+      ASSERT_LT(k, calls.size()) << "seed " << seed;
+      const auto& [call, v] = calls[k++];
+      ++motions;
+      if (!line && !arc) continue;
+      ASSERT_EQ(call, line ? "STRAIGHT_FEED" : "ARC_FEED") << "seed " << seed;
+      ASSERT_NEAR(v[v.size() - 2], (line ? line->speed_mm_s : arc->speed_mm_s) * 60, 0.0051);
+      ASSERT_NEAR(v.back(), rpm, 0.5);
+      const Vec3 end = (T_base_work.inverse() * (line ? line->T_base_tool : arc->T_base_tool)).p_mm;
+      if (line) {
+        ASSERT_LT((Vec3(v[0], v[1], v[2]) - end).cwiseAbs().maxCoeff(), 0.00061) << "seed " << seed;
+        before = end;
+        continue;
+      }
+      const Vec3 via = (T_base_work.inverse() * arc->T_base_via).p_mm, normal = (via - before).cross(end - via);
+      int axis = 0;
+      normal.cwiseAbs().maxCoeff(&axis);
+      const int u = (axis + 1) % 3, w = (axis + 2) % 3;
+      ASSERT_NEAR(v[0], end[u], 0.00061);
+      ASSERT_NEAR(v[1], end[w], 0.00061);
+      ASSERT_EQ(v[4] > 0, normal[axis] > 0) << "direction, seed " << seed;
+      for (const Vec3& q : {before, via, end})
+        ASSERT_NEAR(std::hypot(q[u] - v[2], q[w] - v[3]), std::hypot(end[u] - v[2], end[w] - v[3]), 0.03) << "seed " << seed;
+      before = end;
+    }
+    ASSERT_EQ(k, calls.size()) << "seed " << seed;
+  }
+  std::printf("%d motions compared\n", motions);
 }
 
 }  // namespace
