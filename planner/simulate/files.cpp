@@ -164,7 +164,7 @@ CellSpec virtual_cell() {
   detail.id = "detail";
   const Vec3 look(-std::sin(tilt), 0, std::cos(tilt));
   detail.T_flange_sensor = {quat_from_z(look, Vec3::UnitY()), Vec3(0, 0, focus) - z0 * look};
-  detail.range_mm = {165, 236}, detail.working_distance_mm = z0, detail.field_of_view_mm = {115, 78}, detail.noise_mm = 0.006;
+  detail.range_mm = {165, 236}, detail.working_distance_mm = z0, detail.field_of_view_mm = {92, 64}, detail.noise_mm = 0.006;
   detail.mesh_flange = box_mesh(Vec3(96, -60, 60), Vec3(180, 60, 158));
   c.sensors = {wide, detail};
   c.obstacles = {{"table", box_mesh(Vec3(750, -450, 500), Vec3(1550, 450, 590))}};

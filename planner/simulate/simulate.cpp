@@ -262,7 +262,7 @@ Result<Done<std::filesystem::path>> simulate(const Scenario& sc, const std::file
     if (shot.sensor == 0) {
       model.pitch_mm = 2.2, model.noise_mm = 0.18, model.correlation_px = 1.0, model.bias_mm = 0.05, model.baseline_mm = 140;
     } else {
-      model.pitch_mm = 0.42, model.noise_mm = 0.006, model.correlation_px = 0.8, model.bias_mm = 0.003, model.baseline_mm = 90;
+      model.pitch_mm = 0.30, model.noise_mm = 0.006, model.correlation_px = 0.8, model.bias_mm = 0.003, model.baseline_mm = 90;
     }
     std::vector<Eigen::Vector3f> points = scan(seen, cell.sensors[shot.sensor], model, T_true * mount_true[shot.sensor], sensor_random);
     if (sc.trap == "edge_unscanned" && shot.sensor == 0) {  // nobody saw that boss
