@@ -60,7 +60,10 @@ class Adjustment {
     const int stages = static_cast<int>(std::size(kStages));
     for (int stage = 0; stage < stages; ++stage) {
       associate(std::max(0.5, kStages[stage].gate_ratio * request_.gate_mm));
-      if (out_.clusters.empty()) return std::move(out_);
+      if (out_.clusters.size() < 12) {  // nothing to adjust with
+        s.cluster_count = out_.clusters.size();
+        return std::move(out_);
+      }
       Vec6 moved_by = Vec6::Zero();
       for (const double slack : kStages[stage].slack_mm) {
         moved_by += step(slack);

@@ -16,7 +16,7 @@ constexpr double kCosIncidenceMin = 0.3;      // steeper readings are biased
 constexpr double kCosNormalMin = 0.75;        // between the scan's own normal and the drawing's
 constexpr double kPointsPerReading = 12.0;    // neighbours whose errors move together
 constexpr double kCommonRatio = 0.3;          // of a point's sigma: what a whole cell shares
-constexpr int kCountMin = 4;
+constexpr int kCountMin = 4;                   // of a cell; one where the capture is too coarse for that
 
 struct Reading {
   int face;
@@ -57,6 +57,7 @@ std::vector<Cluster> clusters_of(const ClusterRequest& r, int k) {
     return std::tie(a.face, a.cell, a.distance, a.p_base.x(), a.p_base.y(), a.p_base.z()) <
            std::tie(b.face, b.cell, b.distance, b.p_base.x(), b.p_base.y(), b.p_base.z());
   });
+  const int count_min = capture.spacing_mm < r.cell_mm / 3 ? kCountMin : 1;
   std::vector<Cluster> out;
   std::vector<double> deviation;
   for (std::size_t b = 0; b < readings.size();) {
@@ -64,7 +65,7 @@ std::vector<Cluster> clusters_of(const ClusterRequest& r, int k) {
     while (e < readings.size() && readings[e].face == readings[b].face && readings[e].cell == readings[b].cell) ++e;
     const std::size_t first = b, last = e;
     b = e;
-    if (last - first < static_cast<std::size_t>(kCountMin)) continue;
+    if (last - first < static_cast<std::size_t>(count_min)) continue;
     const double middle = readings[(first + last) / 2].distance;
     deviation.clear();
     double sigma = 0;
@@ -83,7 +84,7 @@ std::vector<Cluster> clusters_of(const ClusterRequest& r, int k) {
       sum += readings[i].distance, square += readings[i].distance * readings[i].distance;
       ++c.count;
     }
-    if (c.count < kCountMin) continue;
+    if (c.count < count_min) continue;
     const double m = c.count;
     c.p_part = p_part / m, c.p_base = p_base / m;
     c.wrench << n / m, moment / m;

@@ -5,6 +5,8 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
+#include <cstdio>
 #include <map>
 
 #include "planner/base/number.hpp"
@@ -16,7 +18,7 @@ constexpr double kOtherAngleRad = rad_from_deg(8.0), kOtherShiftMm = 8.0;  // hy
 constexpr double kSeeThroughMax = 0.10;
 constexpr double kContradictionMax = 4.5;       // in 1 sd of what robot and calibration allow
 constexpr double kInformationMin = 10.0;        // of the data against the play, else the play decides
-constexpr std::size_t kRaysMin = 50;
+constexpr std::size_t kRaysMin = 50, kCellsMin = 60;
 
 std::string number(double x, int decimals) { return fixed_number(x, decimals); }
 
@@ -201,10 +203,34 @@ Contradiction worst_pair(const RobotPrior& prior, const AdjustRequest& request, 
   return worst;
 }
 
+std::optional<Refusal> check_converged(const Job& job, const Adjusted& adjusted) {
+  if (adjusted.state.cluster_count < kCellsMin)
+    return Refusal{.code = "locate.not_converged",
+                   .where = "item " + job.item_id,
+                   .message = "Only " + std::to_string(adjusted.state.cluster_count) + " places on the part's faces were read (" +
+                              std::to_string(kCellsMin) + " needed to place it); scan it denser or from more sides.",
+                   .measured = static_cast<double>(adjusted.state.cluster_count),
+                   .limit = static_cast<double>(kCellsMin),
+                   .unit = "cells",
+                   .stage = "locate"};
+  if (!adjusted.is_converged)
+    return Refusal{.code = "locate.not_converged",
+                   .where = "item " + job.item_id,
+                   .message = "The adjustment of the part's pose still moves by " + number(adjusted.state.step_mm, 3) +
+                              " mm at its last step (0.020 mm allowed); scan more of the part's faces.",
+                   .measured = adjusted.state.step_mm,
+                   .limit = 0.02,
+                   .unit = "mm",
+                   .stage = "locate"};
+  return std::nullopt;
+}
+
 std::optional<Refusal> check_adjusted(const LocateRecipe& recipe, const Job& job, const CadModel& cad, const MeasuredCloud& cloud,
                                       const RobotPrior& prior, const AdjustRequest& request, const Adjusted& adjusted, const Location& location) {
   const std::string item = "item " + job.item_id;
   const Contradiction worst = worst_pair(prior, request, adjusted);
+  if (getenv("LOC_DEBUG")) { fprintf(stderr, "worst %d %d ratio %.2f apart %.3f allowed %.3f cells %zu  clusters %zu\n", worst.capture_1, worst.capture_2, worst.ratio, worst.apart_mm, worst.allowed_mm, worst.cells_count, adjusted.clusters.size());
+   const auto& x = adjusted.state.robot; const Eigen::VectorXd w = prior.covariance.llt().matrixL().solve(x); fprintf(stderr, "chi2 arm %.1f/%d flange %.1f", w.head(prior.arm_count).squaredNorm(), prior.arm_count, w.segment(prior.flange_at,6).squaredNorm()); for (int a : prior.sensor_at) if (a>=0) fprintf(stderr, " sensor %.1f", w.segment(a,6).squaredNorm()); for (int a : prior.capture_at) fprintf(stderr, " c%.1f", w.segment(a,6).squaredNorm()); fprintf(stderr,"\n"); }
   if (worst.ratio > kContradictionMax) {
     const std::string &a = cloud.captures[static_cast<std::size_t>(worst.capture_1)].name, &b = cloud.captures[static_cast<std::size_t>(worst.capture_2)].name;
     return Refusal{.code = "locate.captures_contradict",
@@ -217,15 +243,6 @@ std::optional<Refusal> check_adjusted(const LocateRecipe& recipe, const Job& job
                    .unit = "sd",
                    .stage = "locate"};
   }
-  if (adjusted.clusters.empty() || !adjusted.is_converged)
-    return Refusal{.code = "locate.not_converged",
-                   .where = item,
-                   .message = "The adjustment of the part's pose still moves by " + number(adjusted.state.step_mm, 3) +
-                              " mm at its last step (0.02 allowed); scan more of the part's faces.",
-                   .measured = adjusted.state.step_mm,
-                   .limit = 0.02,
-                   .unit = "mm",
-                   .stage = "locate"};
   if (!location.singular_values.empty() && location.singular_values.back() < kInformationMin)
     return Refusal{.code = "locate.unobservable",
                    .where = item,

@@ -30,7 +30,10 @@ Mat6 play_information(const FixtureSpec& fixture, const Pose<frame::Base, frame:
 /// Fills singular_values and weak_directions: generalised eigenproblem of the data's information against the play's.
 void describe_observability(const CadModel& cad, const AdjustRequest& request, const Adjusted& adjusted, Location& location);
 
-/// locate.not_converged, locate.captures_contradict, locate.unobservable, locate.outside_play, locate.no_match.
+/// locate.not_converged: too little to adjust, or the last step was still long.
+std::optional<Refusal> check_converged(const Job& job, const Adjusted& adjusted);
+
+/// locate.captures_contradict, locate.unobservable, locate.outside_play, locate.no_match.
 std::optional<Refusal> check_adjusted(const LocateRecipe& recipe, const Job& job, const CadModel& cad, const MeasuredCloud& cloud,
                                       const RobotPrior& prior, const AdjustRequest& request, const Adjusted& adjusted, const Location& location);
 

@@ -266,10 +266,19 @@ Truth scan(Job& job, const std::vector<View>& views, const ScanOptions& o) {
       const Pose<frame::Base, frame::Sensor> at(flange.q * sensor.T_flange_sensor.q, Vec3::Zero());
       flange.p_mm = aim - at.direction(Vec3::UnitZ()) * sensor.working_distance_mm - flange.q * sensor.T_flange_sensor.p_mm;
     } else {
+      // Of twelve rolls about the line of sight the one that bends the wrist least.
       const Vec3 from = nominal.direction(v.from_part);
-      const Eigen::Quaterniond q = quat_from_z(-from, Eigen::AngleAxisd(v.turn_rad, from) * Vec3(0.3, 1, 0.1));
-      const Pose<frame::Base, frame::Sensor> at(q, aim + from * sensor.working_distance_mm);
-      flange = at * sensor.T_flange_sensor.inverse();
+      double best = 1e9;
+      for (int roll = 0; roll < 12; ++roll) {
+        const Eigen::Quaterniond q = quat_from_z(-from, Eigen::AngleAxisd(v.turn_rad + roll * kPi / 6, from) * Vec3(0.3, 1, 0.1));
+        const Pose<frame::Base, frame::Sensor> at(q, aim + from * sensor.working_distance_mm);
+        const Pose<frame::Base, frame::Flange> candidate = at * sensor.T_flange_sensor.inverse();
+        const auto joints = robot->inverse_near(candidate, home);
+        if (!joints) continue;
+        double farthest = 0;
+        for (std::size_t i = 0; i < 6; ++i) farthest = std::max(farthest, (i == 5 ? 0.5 : 1.0) * std::abs((*joints)[i] - home[i]));
+        if (farthest < best) best = farthest, flange = candidate;
+      }
     }
     auto q = robot->inverse_near(flange, home);
     if (!q) continue;
