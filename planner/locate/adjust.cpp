@@ -35,9 +35,55 @@ double median_of(std::vector<double> v) {
   return v[v.size() / 2];
 }
 
+/// The sd that readings of known own variance show beyond it, by a median in which precise readings count more. The second
+/// of each pair is the own variance, the first the squared reading.
+double hidden_sd(const std::vector<std::pair<double, double>>& readings, double least, double most) {
+  constexpr int kSteps = 60;
+  for (int k = kSteps; k >= 0; --k) {
+    const double sd = least * std::pow(most / least, static_cast<double>(k) / kSteps);
+    double balance = 0;
+    for (const auto& [square, own] : readings) {
+      const double all = own + sd * sd, share = sd * sd / all;
+      balance += share * share * (square > kMedianOfChiSquare * all ? 0.5 : -0.5);
+    }
+    if (balance >= 0 && !readings.empty()) return sd;
+  }
+  return least;
+}
+
 struct Row {
   Vec6 wrench;
   Eigen::Matrix<double, kFace, 1> face;
+};
+
+/// A row of y in blocks; adding to a block that is there already adds up.
+struct SparseRow {
+  std::vector<int> at, first;  // first: beginnings of blocks
+  std::vector<std::size_t> where;
+  std::vector<double> value;
+
+  void clear() { at.clear(), first.clear(), where.clear(), value.clear(); }
+  template <class V>
+  void add(int begin, const V& v) {
+    const std::size_t to = block(begin, static_cast<int>(v.size()));
+    for (int i = 0; i < static_cast<int>(v.size()); ++i) value[to + static_cast<std::size_t>(i)] += v[i];
+  }
+  void add(const SparseRow& other, double factor) {
+    for (std::size_t k = 0; k < other.first.size(); ++k) {
+      const std::size_t from = other.where[k], end = k + 1 < other.where.size() ? other.where[k + 1] : other.at.size();
+      const std::size_t to = block(other.first[k], static_cast<int>(end - from));
+      for (std::size_t i = from; i < end; ++i) value[to + i - from] += factor * other.value[i];
+    }
+  }
+
+ private:
+  std::size_t block(int begin, int count) {
+    for (std::size_t k = 0; k < first.size(); ++k)
+      if (first[k] == begin) return where[k];
+    first.push_back(begin), where.push_back(at.size());
+    for (int i = 0; i < count; ++i) at.push_back(begin + i), value.push_back(0);
+    return where.back();
+  }
 };
 
 class Adjustment {
@@ -90,11 +136,15 @@ class Adjustment {
     face_seen_.assign(static_cast<std::size_t>(faces_), 0);
     for (const Cluster& c : out_.clusters) ++face_seen_[static_cast<std::size_t>(c.face)];
     part_twist_ = Vec6::Zero();
-    cells_.clear();
+    cells_.clear(), patches_.clear();
     for (std::size_t i = 0; i < out_.clusters.size();) {
+      const Cluster& first = out_.clusters[i];
       std::size_t j = i + 1;
-      while (j < out_.clusters.size() && out_.clusters[j].face == out_.clusters[i].face && out_.clusters[j].cell == out_.clusters[i].cell) ++j;
+      while (j < out_.clusters.size() && out_.clusters[j].face == first.face && out_.clusters[j].cell == first.cell) ++j;
+      const bool is_new = i == 0 || out_.clusters[i - 1].face != first.face || out_.clusters[i - 1].patch != first.patch;
+      if (is_new) patches_.emplace_back(cells_.size(), cells_.size());
       cells_.emplace_back(i, j);
+      patches_.back().second = cells_.size();
       i = j;
     }
   }
@@ -119,25 +169,43 @@ class Adjustment {
 
   void reweigh(double slack_mm) {
     residuals();
-    const double cell_sd = out_.state.cell_sd_mm;
+    const AdjustState& s = out_.state;
+    const double slack = slack_mm * slack_mm, cell = s.cell_sd_mm * s.cell_sd_mm + slack, patch = s.patch_sd_mm * s.patch_sd_mm + slack;
     out_.weight.assign(left_.size(), 1.0);
     out_.residual_mm.assign(left_.size(), 0.0);
     std::vector<double> here;
-    for (const auto& [b, e] : cells_) {
-      here.assign(left_.begin() + static_cast<std::ptrdiff_t>(b), left_.begin() + static_cast<std::ptrdiff_t>(e));
-      double offset = e - b >= 3 ? median_of(here) : 0.0;
+    for (const auto& [first_cell, last_cell] : patches_) {
+      const std::size_t first = cells_[first_cell].first, last = cells_[last_cell - 1].second;
+      here.assign(left_.begin() + static_cast<std::ptrdiff_t>(first), left_.begin() + static_cast<std::ptrdiff_t>(last));
+      double q = last - first >= 3 ? median_of(here) : 0.0;  // the patch's own offset
       for (int pass = 0; pass < 3; ++pass) {
-        double sum = 0, total = 1.0 / (cell_sd * cell_sd + slack_mm * slack_mm);
-        for (std::size_t i = b; i < e; ++i) {
-          const double scale = std::sqrt(variance(out_.clusters[i]) + slack_mm * slack_mm);
-          const double w = e - b > 1 ? robust_weight(left_[i] - offset, scale, kCaptureTuning) : 1.0;
-          const double all = robust_weight(left_[i], std::hypot(scale, cell_sd), kCellTuning);
-          out_.weight[i] = w * all;
-          sum += out_.weight[i] * left_[i] / (scale * scale), total += out_.weight[i] / (scale * scale);
+        double patch_sum = 0, patch_total = 1 / patch;
+        for (std::size_t c = first_cell; c < last_cell; ++c) {
+          const auto [b, e] = cells_[c];
+          here.assign(left_.begin() + static_cast<std::ptrdiff_t>(b), left_.begin() + static_cast<std::ptrdiff_t>(e));
+          double o = e - b >= 3 ? median_of(here) - q : out_.residual_mm[b];  // the cell's beyond it
+          for (int inner = 0; inner < 2; ++inner) {
+            double sum = 0, total = 1 / cell;
+            for (std::size_t i = b; i < e; ++i) {
+              const double own = variance(out_.clusters[i]) + slack;
+              const double among = e - b > 1 ? robust_weight(left_[i] - q - o, std::sqrt(own), kCaptureTuning) : 1.0;
+              out_.weight[i] = among * robust_weight(left_[i] - q, std::sqrt(own + cell), kCellTuning) *
+                               robust_weight(left_[i], std::sqrt(own + cell + patch), kCellTuning);
+              sum += out_.weight[i] * (left_[i] - q) / own, total += out_.weight[i] / own;
+            }
+            o = sum / total;
+          }
+          double sum = 0, total = 0;
+          for (std::size_t i = b; i < e; ++i) {
+            const double own = variance(out_.clusters[i]) + slack;
+            sum += out_.weight[i] * left_[i] / own, total += out_.weight[i] / own;
+            out_.residual_mm[i] = left_[i] - q - o;
+          }
+          const double share = 1 / (1 + total * cell);  // of the cell's information that speaks about the patch
+          patch_sum += sum * share, patch_total += total * share;
         }
-        offset = sum / total;
+        q = patch_sum / patch_total;
       }
-      for (std::size_t i = b; i < e; ++i) out_.residual_mm[i] = left_[i] - offset;
     }
   }
 
@@ -147,51 +215,56 @@ class Adjustment {
     H_ = Eigen::MatrixXd::Zero(n, n);
     g_ = Eigen::VectorXd::Zero(n);
     const double cell_information = 1.0 / (out_.state.cell_sd_mm * out_.state.cell_sd_mm);
-    std::vector<int> at;
-    std::vector<double> s;
-    for (const auto& [b, e] : cells_) {
-      const int face_at = 6 + 6 * captures_ + kFace * out_.clusters[b].face;
-      double total = cell_information, right = 0;
-      at.clear(), s.clear();
-      const auto open = [&](int first, int count) {
-        const std::size_t where = at.size();
-        for (int i = 0; i < count; ++i) at.push_back(first + i), s.push_back(0);
-        return where;
-      };
-      const std::size_t s_part = open(0, 6), s_face = open(face_at, kFace);
-      for (std::size_t i = b; i < e; ++i) {
-        const Cluster& c = out_.clusters[i];
-        const double w = out_.weight[i] / variance(c);
-        const int capture_at = 6 + 6 * c.capture;
-        const Mat6 ww = w * c.wrench * c.wrench.transpose();
-        const Eigen::Matrix<double, 6, kFace> wf = w * c.wrench * rows_[i].face.transpose();
-        H_.block<6, 6>(0, 0) += ww;
-        H_.block<6, 6>(0, capture_at) -= ww;
-        H_.block<6, 6>(capture_at, capture_at) += ww;
-        H_.block<6, kFace>(0, face_at) += wf;
-        H_.block<6, kFace>(capture_at, face_at) -= wf;
-        H_.block<kFace, kFace>(face_at, face_at) += w * rows_[i].face * rows_[i].face.transpose();
-        const double r = w * left_[i];
-        g_.segment<6>(0) -= r * c.wrench;
-        g_.segment<6>(capture_at) += r * c.wrench;
-        g_.segment<kFace>(face_at) -= r * rows_[i].face;
-        const std::size_t s_capture = open(capture_at, 6);
-        for (int a = 0; a < 6; ++a) {
-          s[s_part + static_cast<std::size_t>(a)] -= w * c.wrench[a];
-          s[s_capture + static_cast<std::size_t>(a)] += w * c.wrench[a];
+    const double patch_information = 1.0 / (out_.state.patch_sd_mm * out_.state.patch_sd_mm);
+    SparseRow cell, patch;
+    for (const auto& [first_cell, last_cell] : patches_) {
+      const int face_at = 6 + 6 * captures_ + kFace * out_.clusters[cells_[first_cell].first].face;
+      patch.clear();
+      double patch_total = patch_information, patch_right = 0;
+      for (std::size_t k = first_cell; k < last_cell; ++k) {
+        const auto [b, e] = cells_[k];
+        double total = 0, right = 0;
+        cell.clear();
+        for (std::size_t i = b; i < e; ++i) {
+          const Cluster& c = out_.clusters[i];
+          const double w = out_.weight[i] / variance(c);
+          const int capture_at = 6 + 6 * c.capture;
+          const Mat6 ww = w * c.wrench * c.wrench.transpose();
+          const Eigen::Matrix<double, 6, kFace> wf = w * c.wrench * rows_[i].face.transpose();
+          H_.block<6, 6>(0, 0) += ww;
+          H_.block<6, 6>(0, capture_at) -= ww;
+          H_.block<6, 6>(capture_at, capture_at) += ww;
+          H_.block<6, kFace>(0, face_at) += wf;
+          H_.block<6, kFace>(capture_at, face_at) -= wf;
+          H_.block<kFace, kFace>(face_at, face_at) += w * rows_[i].face * rows_[i].face.transpose();
+          const double r = w * left_[i];
+          g_.segment<6>(0) -= r * c.wrench;
+          g_.segment<6>(capture_at) += r * c.wrench;
+          g_.segment<kFace>(face_at) -= r * rows_[i].face;
+          cell.add(0, -w * c.wrench);
+          cell.add(capture_at, w * c.wrench);
+          cell.add(face_at, -w * rows_[i].face);
+          total += w, right += r;
         }
-        for (int a = 0; a < kFace; ++a) s[s_face + static_cast<std::size_t>(a)] -= w * rows_[i].face[a];
-        total += w, right += r;
+        const double all = total + cell_information;
+        take_off(cell, right, all);
+        const double share = cell_information / all;
+        patch.add(cell, share);
+        patch_total += total * share, patch_right += right * share;
       }
-      for (std::size_t a = 0; a < at.size(); ++a) {
-        if (s[a] == 0) continue;
-        g_[at[a]] -= s[a] * right / total;
-        const double sa = s[a] / total;
-        for (std::size_t d = 0; d < at.size(); ++d)
-          if (at[d] >= at[a]) H_(at[a], at[d]) -= sa * s[d];
-      }
+      take_off(patch, patch_right, patch_total);
     }
     H_ = H_.selfadjointView<Eigen::Upper>();
+  }
+
+  /// Eliminates one offset whose rows sum up to `row`.
+  void take_off(const SparseRow& row, double right, double total) {
+    for (std::size_t a = 0; a < row.at.size(); ++a) {
+      g_[row.at[a]] -= row.value[a] * right / total;
+      const double scaled = row.value[a] / total;
+      for (std::size_t d = 0; d < row.at.size(); ++d)
+        if (row.at[d] >= row.at[a]) H_(row.at[a], row.at[d]) -= scaled * row.value[d];
+    }
   }
 
   Eigen::VectorXd face_information() const {
@@ -243,28 +316,42 @@ class Adjustment {
   void learn_sizes() {
     AdjustState& s = out_.state;
     residuals();
-    // Cells: spread of the offsets that single cells ask for, their own variance taken off.
-    std::vector<double> square;
+    // Cells and patches: spread of the offsets that each asks for, its own variance taken off.
+    std::vector<std::pair<double, double>> cells, patches;  // squared offset, its own variance
     std::vector<std::vector<double>> ratio(s.sensor_factor.size());
-    for (const auto& [b, e] : cells_) {
-      double sum = 0, total = 0;
-      for (std::size_t i = b; i < e; ++i) {
-        if (out_.weight[i] < 0.1) continue;
-        const double w = 1 / variance(out_.clusters[i]);
-        sum += w * left_[i], total += w;
-      }
-      if (total <= 0) continue;
-      const double mean = sum / total;
-      square.push_back(mean * mean - kMedianOfChiSquare / total);
-      for (std::size_t i = b; i < e; ++i)
-        for (std::size_t j = i + 1; j < e; ++j) {
-          const int a = sensor_of(i), d = sensor_of(j);
-          if (a != d) continue;
-          const double r = left_[i] - left_[j];
-          ratio[static_cast<std::size_t>(a)].push_back(r * r / (out_.clusters[i].variance_mm2 + out_.clusters[j].variance_mm2));
+    const double cell_variance = s.cell_sd_mm * s.cell_sd_mm;
+    for (const auto& [first_cell, last_cell] : patches_) {
+      std::vector<std::pair<double, double>> offsets;  // mean, its variance as a reading of the cell
+      double patch_sum = 0, patch_total = 0;
+      for (std::size_t k = first_cell; k < last_cell; ++k) {
+        const auto [b, e] = cells_[k];
+        double sum = 0, total = 0;
+        for (std::size_t i = b; i < e; ++i) {
+          if (out_.weight[i] < 0.1) continue;
+          const double w = 1 / variance(out_.clusters[i]);
+          sum += w * left_[i], total += w;
         }
+        if (total <= 0) continue;
+        offsets.emplace_back(sum / total, 1 / total);
+        const double w = 1 / (1 / total + cell_variance);
+        patch_sum += w * sum / total, patch_total += w;
+        for (std::size_t i = b; i < e; ++i)
+          for (std::size_t j = i + 1; j < e; ++j) {
+            const int a = sensor_of(i), d = sensor_of(j);
+            if (a != d) continue;
+            const double r = left_[i] - left_[j];
+            ratio[static_cast<std::size_t>(a)].push_back(r * r / (out_.clusters[i].variance_mm2 + out_.clusters[j].variance_mm2));
+          }
+      }
+      if (patch_total <= 0) continue;
+      const double mean = patch_sum / patch_total, n = static_cast<double>(offsets.size());
+      // Of the patch's own variance as a reading: what its cells' sensors and spread leave, not the patch's deviation.
+      patches.emplace_back(mean * mean, 1 / patch_total);
+      if (offsets.size() < 3) continue;
+      for (const auto& [offset, own] : offsets) cells.emplace_back((offset - mean) * (offset - mean) * n / (n - 1), own);
     }
-    s.cell_sd_mm = std::clamp(std::sqrt(std::max(0.0, median_of(square)) / kMedianOfChiSquare), 0.004, 0.5);
+    s.cell_sd_mm = hidden_sd(cells, 0.003, 0.5);
+    s.patch_sd_mm = hidden_sd(patches, 0.003, 0.5);
     for (std::size_t a = 0; a < ratio.size(); ++a)
       if (ratio[a].size() >= 50) s.sensor_factor[a] = std::clamp(std::sqrt(median_of(ratio[a]) / kMedianOfChiSquare), 1.0, 10.0);
     // Faces: offsets by expectation and maximisation (estimate plus its own variance).
@@ -324,7 +411,8 @@ class Adjustment {
   int captures_, faces_;
   Adjusted out_;
   std::vector<Row> rows_;
-  std::vector<std::pair<std::size_t, std::size_t>> cells_;
+  std::vector<std::pair<std::size_t, std::size_t>> cells_;    // ranges of clusters
+  std::vector<std::pair<std::size_t, std::size_t>> patches_;  // ranges of cells
   std::vector<int> face_seen_;
   std::vector<double> left_;
   Vec6 part_twist_ = Vec6::Zero();

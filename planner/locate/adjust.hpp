@@ -16,7 +16,7 @@ struct AdjustState {
   Pose<frame::Base, frame::Part> T_base_part;    // where the part is in the coordinates of a perfect robot
   Eigen::VectorXd robot;                         // RobotPrior's parameters
   Eigen::VectorXd faces;                         // 7 by face: offset, turn about the face's center (3), shift (3); part frame
-  double form_sd_mm = 0.3, cell_sd_mm = 0.05;    // the part's imperfection: of whole faces, of 5 mm cells beyond that
+  double form_sd_mm = 0.3, patch_sd_mm = 0.1, cell_sd_mm = 0.05;  // the part's imperfection: of whole faces, of patches, of cells
   std::vector<double> sensor_factor;             // by sensor: how much larger the cells' variances are than foretold, >= 1
   Eigen::MatrixXd covariance;                    // of (part twist in base about the center, robot parameters)
   Mat6 data_information = Mat6::Zero();          // about the part's twist, everything else eliminated, prior of the part left out

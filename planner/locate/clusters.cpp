@@ -16,6 +16,7 @@ constexpr double kCosIncidenceMin = 0.3;      // steeper readings are biased
 constexpr double kCosNormalMin = 0.75;        // between the scan's own normal and the drawing's
 constexpr double kPointsPerReading = 12.0;    // neighbours whose errors move together
 constexpr double kCommonRatio = 0.3;          // of a point's sigma: what a whole cell shares
+constexpr double kCellsPerPatch = 5.0;
 constexpr int kCountMin = 4;                   // of a cell; one where the capture is too coarse for that
 
 struct Reading {
@@ -74,6 +75,7 @@ std::vector<Cluster> clusters_of(const ClusterRequest& r, int k) {
     const double limit = 3.0 * std::max(1.4826 * median_of(deviation), 0.7 * sigma);
     Cluster c;
     c.capture = k, c.face = readings[first].face, c.cell = readings[first].cell;
+    c.patch = voxel_key(readings[first].p_part, kCellsPerPatch * r.cell_mm);
     Vec3 n = Vec3::Zero(), moment = Vec3::Zero(), p_part = Vec3::Zero(), p_base = Vec3::Zero();
     double sum = 0, square = 0;
     for (std::size_t i = first; i < last; ++i) {
@@ -107,7 +109,7 @@ std::vector<Cluster> make_clusters(const ClusterRequest& request) {
   std::vector<Cluster> all;
   for (auto& c : by_capture) all.insert(all.end(), c.begin(), c.end());
   std::stable_sort(all.begin(), all.end(),
-                   [](const Cluster& a, const Cluster& b) { return std::tie(a.face, a.cell, a.capture) < std::tie(b.face, b.cell, b.capture); });
+                   [](const Cluster& a, const Cluster& b) { return std::tie(a.face, a.patch, a.cell, a.capture) < std::tie(b.face, b.patch, b.cell, b.capture); });
   return all;
 }
 

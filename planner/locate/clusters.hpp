@@ -13,7 +13,7 @@ namespace asbuilt {
 
 struct Cluster {
   int capture = -1, face = -1;
-  std::uint64_t cell = 0;              // of the part; clusters of one face and cell see the same place
+  std::uint64_t patch = 0, cell = 0;   // of the part; clusters of one face and cell see the same place; a patch is 5 x 5 x 5 cells
   Vec3 p_base = Vec3::Zero();          // mean, as placed (uncorrected)
   Vec3 p_part = Vec3::Zero(), n_part = Vec3::UnitZ();
   Vec6 wrench = Vec6::Zero();          // means of n and (p - center) x n in base: d distance / d twist about the center
@@ -33,7 +33,7 @@ struct ClusterRequest {
   double cell_mm = 5.0;
 };
 
-/// In the order of face, cell, capture. The same for any order of points and captures (up to the captures' numbers).
+/// In the order of face, patch, cell, capture. The same for any order of points and captures (up to the captures' numbers).
 std::vector<Cluster> make_clusters(const ClusterRequest& request);
 
 }  // namespace asbuilt

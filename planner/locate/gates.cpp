@@ -5,8 +5,6 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
-#include <cstdio>
 #include <map>
 
 #include "planner/base/number.hpp"
@@ -16,7 +14,8 @@ namespace {
 
 constexpr double kOtherAngleRad = rad_from_deg(8.0), kOtherShiftMm = 8.0;  // hypotheses nearer than this are one
 constexpr double kSeeThroughMax = 0.10;
-constexpr double kContradictionMax = 4.5;       // in 1 sd of what robot and calibration allow
+constexpr double kContradictionMax = 4.5;       // of two captures, in 1 sd of what robot and calibration allow
+constexpr double kSuspicionMin = 2.8, kStrainMax = 2.2;  // less, where the calibrations are strained too
 constexpr double kInformationMin = 10.0;        // of the data against the play, else the play decides
 constexpr std::size_t kRaysMin = 50, kCellsMin = 60;
 
@@ -165,6 +164,18 @@ void describe_observability(const CadModel& cad, const AdjustRequest& request, c
   }
 }
 
+double calibration_strain(const RobotPrior& prior, const AdjustState& state) {
+  const auto block = [&](int at) {
+    const Mat6 covariance = prior.covariance.block<6, 6>(at, at);
+    const Vec6 x = state.robot.segment<6>(at);
+    return std::sqrt(x.dot(covariance.ldlt().solve(x)) / 6);
+  };
+  double most = block(prior.flange_at);
+  for (const int at : prior.sensor_at)
+    if (at >= 0) most = std::max(most, block(at));
+  return most;
+}
+
 Contradiction worst_pair(const RobotPrior& prior, const AdjustRequest& request, const Adjusted& adjusted) {
   const int count = static_cast<int>(prior.capture.size());
   const Eigen::MatrixXd root = prior.covariance.llt().matrixL();
@@ -229,15 +240,15 @@ std::optional<Refusal> check_adjusted(const LocateRecipe& recipe, const Job& job
                                       const RobotPrior& prior, const AdjustRequest& request, const Adjusted& adjusted, const Location& location) {
   const std::string item = "item " + job.item_id;
   const Contradiction worst = worst_pair(prior, request, adjusted);
-  if (getenv("LOC_DEBUG")) { fprintf(stderr, "worst %d %d ratio %.2f apart %.3f allowed %.3f cells %zu  clusters %zu\n", worst.capture_1, worst.capture_2, worst.ratio, worst.apart_mm, worst.allowed_mm, worst.cells_count, adjusted.clusters.size());
-   const auto& x = adjusted.state.robot; const Eigen::VectorXd w = prior.covariance.llt().matrixL().solve(x); fprintf(stderr, "chi2 arm %.1f/%d flange %.1f", w.head(prior.arm_count).squaredNorm(), prior.arm_count, w.segment(prior.flange_at,6).squaredNorm()); for (int a : prior.sensor_at) if (a>=0) fprintf(stderr, " sensor %.1f", w.segment(a,6).squaredNorm()); for (int a : prior.capture_at) fprintf(stderr, " c%.1f", w.segment(a,6).squaredNorm()); fprintf(stderr,"\n"); }
-  if (worst.ratio > kContradictionMax) {
+  const double strain = calibration_strain(prior, adjusted.state);
+  if (worst.ratio > kContradictionMax || (worst.ratio > kSuspicionMin && strain > kStrainMax)) {
     const std::string &a = cloud.captures[static_cast<std::size_t>(worst.capture_1)].name, &b = cloud.captures[static_cast<std::size_t>(worst.capture_2)].name;
     return Refusal{.code = "locate.captures_contradict",
                    .where = item + ", captures " + a + " and " + b,
                    .message = "Captures " + a + " and " + b + " see the same faces " + number(worst.apart_mm, 2) + " mm apart, " +
                               number(worst.ratio, 1) + " times what robot and calibration allow (" + number(worst.allowed_mm, 2) +
-                              " mm, 1 sd); check the sensor's mount, calibrate it again, then scan again.",
+                              " mm, 1 sd; to agree, the calibrations would have to be off by " + number(strain, 1) +
+                              " sd); check the sensor's mount, calibrate it again, then scan again.",
                    .measured = worst.ratio,
                    .limit = kContradictionMax,
                    .unit = "sd",

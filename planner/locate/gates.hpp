@@ -43,6 +43,10 @@ struct Contradiction {
   double apart_mm = 0, allowed_mm = 0, ratio = 0;
   std::size_t cells_count = 0;
 };
+/// How far the adjustment had to move hand-eye and flange against their calibration: root mean square over six directions of
+/// the most moved one, in sd.
+double calibration_strain(const RobotPrior& prior, const AdjustState& state);
+
 Contradiction worst_pair(const RobotPrior& prior, const AdjustRequest& request, const Adjusted& adjusted);
 
 }  // namespace asbuilt

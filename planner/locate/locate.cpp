@@ -104,7 +104,6 @@ Result<Done<Location>> locate(const LocateRecipe& recipe, const Job& job, const 
   request.cloud = &cloud, request.cad = &cad, request.prior = &*prior;
   request.start = found.front().T_base_part;
   request.part_prior_information = play_information(job.fixture, request.start, prior->center_base);
-  request.edge_band_mm = job.part.burr_zone ? std::max(1.0, std::min(4.0, job.part.burr_zone->width_mm)) : 1.0;
   const Adjusted adjusted = adjust(request);
   if (auto refusal = check_converged(job, adjusted)) return refuse(std::move(*refusal));
 

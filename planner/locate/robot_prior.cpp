@@ -15,6 +15,7 @@ namespace {
 // a cut with the same flange orientation. Sizes: the arm's absolute accuracy, and the turn it makes over one reach of tool.
 constexpr double kSharedShiftRatio = 0.6;     // of the absolute accuracy, per axis
 constexpr double kSharedLeverMm = 700.0;
+constexpr double kSensorFormRatio = 0.6;      // of its noise: the part of its own bending that looks like a motion
 constexpr double kWorkingAngleRad = rad_from_deg(15.0);
 
 Mat6 adjoint_about(const Vec3& center, const Mat3& R_base_child, const Vec3& p_child_base) {
@@ -124,7 +125,13 @@ class Builder {
       for (int i = 0; i < 3; ++i) block(i, i) += 1e-8, block(i + 3, i + 3) += 1e-14;
       prior_.covariance.block<6, 6>(at, at) = 0.5 * (block + block.transpose());
     };
-    for (const CloudCapture& c : cloud_.captures) put(prior_.sensor_at[static_cast<std::size_t>(c.sensor)], c.covariance_sensor);
+    for (const CloudCapture& c : cloud_.captures) {
+      const SensorSpec& s = job_.cell.sensors[static_cast<std::size_t>(c.sensor)];
+      const double form = kSensorFormRatio * s.noise_mm, half = std::max(10.0, 0.5 * s.field_of_view_mm[0]);
+      Mat6 block = c.covariance_sensor;
+      for (int i = 0; i < 3; ++i) block(i, i) += form * form, block(i + 3, i + 3) += form * form / (half * half);
+      put(prior_.sensor_at[static_cast<std::size_t>(c.sensor)], block);
+    }
     for (std::size_t k = 0; k < cloud_.captures.size(); ++k) put(prior_.capture_at[k], scatter_[k]);
     prior_.sd = prior_.covariance.diagonal().cwiseMax(0).cwiseSqrt();
   }

@@ -89,6 +89,7 @@ TEST(Locate, accepts_lugs_that_are_alike_where_all_are_worked) {
 TEST(LocateRefuses, flat_top_views_of_a_ring) {
   Job job = ring_job(make_ring());
   ScanOptions o;
+  o.wide_pixels = 220;
   std::vector<View> views = ring_views(false);
   views.resize(4);
   scan(job, views, o);
