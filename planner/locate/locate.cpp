@@ -18,7 +18,7 @@ namespace asbuilt {
 namespace {
 
 constexpr double kSearchMarginMm = 30.0;
-constexpr std::size_t kRaysRough = 1500, kRaysFine = 8000, kFineHypotheses = 10;
+constexpr std::size_t kRaysRough = 1500, kRaysFine = 8000, kFineHypotheses = 12;
 
 std::vector<Candidate> search(const CadModel& cad, const Scene& scene, const Job& job, const MeasuredCloud& cloud) {
   std::vector<Candidate> all = descend(cad, scene, job.fixture);
@@ -28,6 +28,7 @@ std::vector<Candidate> search(const CadModel& cad, const Scene& scene, const Job
   for_each_parallel(all, [&](Candidate& c) { look_along_rays(cad, scene, sensors, kRaysRough, c); });
   std::stable_sort(all.begin(), all.end(), by_likelihood);
   if (all.size() > kFineHypotheses) all.resize(kFineHypotheses);
+  for_each_parallel(all, [&](Candidate& c) { settle_turn(cad, scene, job.fixture, sensors, kRaysRough, c); });
   for_each_parallel(all, [&](Candidate& c) { look_along_rays(cad, scene, sensors, kRaysFine, c); });
   std::stable_sort(all.begin(), all.end(), by_likelihood);
   return all;

@@ -147,6 +147,31 @@ std::vector<Candidate> descend(const CadModel& cad, const Scene& scene, const Fi
   return all;
 }
 
+void settle_turn(const CadModel& cad, const Scene& scene, const FixtureSpec& fixture, const std::vector<Vec3>& sensor_base, std::size_t rays_max,
+                 Candidate& candidate) {
+  const Pose<frame::Base, frame::Part> nominal = fixture.T_base_fixture * fixture.T_fixture_part;
+  const Descent descent{cad, scene, nominal, fixture.play_mm, true};
+  const std::size_t some = std::min<std::size_t>(scene.points.size(), 1000);
+  for (int axis = 0; axis < 3; ++axis) {
+    if (fixture.play_rad[static_cast<std::size_t>(axis)].value_or(kPi) < rad_from_deg(4.0)) continue;
+    const auto turned = [&](double angle) {
+      const Eigen::Quaterniond q(Eigen::AngleAxisd(angle, Vec3::Unit(axis)));
+      return candidate.T_base_part * Pose<frame::Part, frame::Part>(q, cad.center_part - q * cad.center_part);
+    };
+    const double here = descent.score(candidate.T_base_part, some);
+    const double beside = std::max(descent.score(turned(rad_from_deg(1.5)), some), descent.score(turned(rad_from_deg(-1.5)), some));
+    if (beside < here - 0.004) continue;  // faces hold it
+    Candidate best = candidate;
+    for (int i = -8; i <= 8; ++i) {
+      Candidate other = candidate;
+      other.T_base_part = turned(rad_from_deg(0.5 * i));
+      look_along_rays(cad, scene, sensor_base, rays_max, other);
+      if (other.log_likelihood > best.log_likelihood) best = other;
+    }
+    candidate = best;
+  }
+}
+
 void look_along_rays(const CadModel& cad, const Scene& scene, const std::vector<Vec3>& sensor_base, std::size_t rays_max, Candidate& candidate) {
   constexpr double kInside = 0.9, kFront = 0.09, kBehind = 0.01, kRangeMm = 150.0;  // shares of a reading, and its width
   constexpr double kCorrelation = 6.0;                                              // neighbours that tell the same

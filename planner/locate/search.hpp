@@ -27,6 +27,11 @@ std::vector<Pose<frame::Base, frame::Part>> starts(const FixtureSpec& fixture);
 /// Frames: base. Best first by score; duplicates (4 deg and 4 mm at the part's center) are merged, the better kept.
 std::vector<Candidate> descend(const CadModel& cad, const Scene& scene, const FixtureSpec& fixture);
 
+/// Where the distance grid does not hold a free angle (only outlines would), turns the candidate by up to 4 deg to its best
+/// likelihood along rays.
+void settle_turn(const CadModel& cad, const Scene& scene, const FixtureSpec& fixture, const std::vector<Vec3>& sensor_base, std::size_t rays_max,
+                 Candidate& candidate);
+
 /// Fills likelihood and ratios. Method: first hit of the hypothesised part along each measured ray; extra material is cheap,
 /// a ray that passes through where the part should be is dear; what lies on the known fixture says nothing.
 void look_along_rays(const CadModel& cad, const Scene& scene, const std::vector<Vec3>& sensor_base, std::size_t rays_max, Candidate& candidate);
