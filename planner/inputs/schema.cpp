@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // JSON Schema (2020-12) and the tables of docs/formats.md, both from the lists of fields the loader reads by.
+#include <fmt/format.h>
+
 #include <nlohmann/json.hpp>
 
 #include <cmath>
 
-#include "planner/base/number.hpp"
 #include "planner/inputs/files_batch.hpp"
 #include "planner/inputs/files_captures.hpp"
 #include "planner/inputs/files_cell.hpp"
@@ -219,7 +220,7 @@ std::string range_words(const Json& outer) {
   const Json* j = innermost(&outer);
   if (j->contains("anyOf")) j = &(*j)["anyOf"][0];
   const bool low = j->contains("minimum"), high = j->contains("maximum");
-  const auto text = [](const Json& n) { return shortest_number(n.get<double>()); };
+  const auto text = [](const Json& n) { return n.is_number_integer() ? n.dump() : fmt::format("{:g}", n.get<double>()); };
   if (low && high) return text((*j)["minimum"]) + " to " + text((*j)["maximum"]);
   if (low) return "from " + text((*j)["minimum"]);
   if (high) return "to " + text((*j)["maximum"]);

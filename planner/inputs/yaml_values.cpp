@@ -1,5 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The leaves of the YAML files: numbers, words, dates, poses, covariances. Angles stay degrees here, quaternions come out unit.
+#include <fmt/format.h>
+
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 
@@ -25,12 +28,14 @@ std::string found_text(const YAML::Node& node) {
   return "nothing";
 }
 
+std::string plain(double v) { return v == std::floor(v) && std::abs(v) < 1e15 ? std::to_string(static_cast<long long>(v)) : fmt::format("{:g}", v); }
+
 std::string range_text(const Field& f) {
   const bool low = std::isfinite(f.min), high = std::isfinite(f.max);
   std::string text = "a number";
-  if (low && high) text += " from " + shortest_number(f.min) + " to " + shortest_number(f.max);
-  if (low && !high) text += " of at least " + shortest_number(f.min);
-  if (!low && high) text += " of at most " + shortest_number(f.max);
+  if (low && high) text += " from " + plain(f.min) + " to " + plain(f.max);
+  if (low && !high) text += " of at least " + plain(f.min);
+  if (!low && high) text += " of at most " + plain(f.max);
   if (!f.unit.empty()) text += " " + std::string(f.unit);
   if (!f.word.empty()) text += ", or '" + std::string(f.word) + "'";
   return text;

@@ -2,17 +2,16 @@
 #include "planner/io/mesh_file.hpp"
 
 #include <assimp/config.h>
-#include <assimp/postprocess.h>
 #include <assimp/scene.h>
 
 #include <assimp/Importer.hpp>
-#include <bit>
 #include <cstdint>
 #include <cstring>
-#include <unordered_map>
 
 #include "planner/io/ply.hpp"
-#include "planner/io/zip_file.hpp"
+#include "planner/io/welder.hpp"
+#include "planner/io/text_scan.hpp"
+#include "planner/io/three_mf.hpp"
 
 namespace asbuilt {
 
@@ -27,14 +26,18 @@ std::string extension_of(const std::string& name) {
 
 tl::unexpected<Refusals> refused(const char* code, const std::string& where, const std::string& message) { return refuse({.code = code, .where = where, .message = message, .stage = "input"}); }
 
+bool is_stl_text(std::string_view bytes) {
+  std::uint32_t count = 0;
+  if (bytes.size() >= 84) std::memcpy(&count, bytes.data() + 80, 4);
+  if (bytes.size() >= 84 && bytes.size() == 84 + std::size_t(count) * 50) return false;
+  return bytes.substr(0, 5) == "solid" && bytes.substr(0, 2000).find('\0') == std::string_view::npos;
+}
+
 /// A binary STL says how many triangles follow; text files start with "solid".
 std::optional<Refusals> check_stl(std::string_view bytes, const std::string& name) {
   std::uint32_t count = 0;
   if (bytes.size() >= 84) std::memcpy(&count, bytes.data() + 80, 4);
-  if (bytes.size() >= 84 && bytes.size() == 84 + std::size_t(count) * 50) return std::nullopt;
-  const std::string_view head = bytes.substr(0, 5);
-  const bool is_text = head == "solid" && bytes.substr(0, 2000).find('\0') == std::string_view::npos;
-  if (is_text) {
+  if (is_stl_text(bytes)) {
     if (bytes.find("endsolid") == std::string_view::npos) return refused("input.mesh_truncated", name, "found an STL text without 'endsolid'; copy or export the file again").value();
     return std::nullopt;
   }
@@ -46,28 +49,108 @@ std::optional<Refusals> check_stl(std::string_view bytes, const std::string& nam
   return std::nullopt;  // bytes after the last triangle are none of ours
 }
 
-struct Welder {
-  struct Key {
-    std::uint64_t x, y, z;
-    bool operator==(const Key&) const = default;
-  };
-  struct Hash {
-    std::size_t operator()(const Key& k) const {
-      std::uint64_t h = k.x * 0x9E3779B97F4A7C15ull;
-      h = (h ^ (h >> 29) ^ k.y) * 0xBF58476D1CE4E5B9ull;
-      h = (h ^ (h >> 32) ^ k.z) * 0x94D049BB133111EBull;
-      return std::size_t(h ^ (h >> 31));
+/// A flat polygon cut into triangles of its own corners, ear by ear; what is left when no ear is found becomes a fan.
+std::vector<std::array<std::size_t, 3>> triangles_of(const std::vector<Vec3>& p) {
+  std::vector<std::array<std::size_t, 3>> all;
+  std::vector<std::size_t> ring(p.size());
+  for (std::size_t i = 0; i < p.size(); ++i) ring[i] = i;
+  Vec3 n = Vec3::Zero();  // Newell
+  for (std::size_t i = 0; i < p.size(); ++i) n += p[i].cross(p[(i + 1) % p.size()]);
+  const auto turn = [&](std::size_t a, std::size_t b, std::size_t c) { return (p[b] - p[a]).cross(p[c] - p[b]).dot(n); };
+  while (ring.size() > 3 && p.size() <= 300) {
+    bool is_cut = false;
+    for (std::size_t i = 0; i < ring.size() && !is_cut; ++i) {
+      const std::size_t a = ring[(i + ring.size() - 1) % ring.size()], b = ring[i], c = ring[(i + 1) % ring.size()];
+      if (!(turn(a, b, c) > 0)) continue;
+      is_cut = true;
+      for (const std::size_t q : ring)
+        if (q != a && q != b && q != c && turn(a, b, q) >= 0 && turn(b, c, q) >= 0 && turn(c, a, q) >= 0) is_cut = false;
+      if (!is_cut) continue;
+      all.push_back({a, b, c});
+      ring.erase(ring.begin() + std::ptrdiff_t(i));
     }
-  };
-  std::unordered_map<Key, int, Hash> index;
-  Mesh& mesh;
-  int at(const Vec3& p) {
-    const auto bits = [](double d) { return std::bit_cast<std::uint64_t>(d == 0 ? 0.0 : d); };
-    const auto [it, is_new] = index.try_emplace(Key{bits(p.x()), bits(p.y()), bits(p.z())}, int(mesh.vertices.size()));
-    if (is_new) mesh.vertices.push_back(p);
-    return it->second;
+    if (!is_cut) break;
   }
-};
+  for (std::size_t i = 1; i + 1 < ring.size(); ++i) all.push_back({ring[0], ring[i], ring[i + 1]});
+  return all;
+}
+
+/// Nothing in assimp looks whether the corners of a face are there.
+bool has_valid_indices(const aiScene& scene) {
+  for (unsigned m = 0; m < scene.mNumMeshes; ++m) {
+    const aiMesh& mesh = *scene.mMeshes[m];
+    for (unsigned f = 0; f < mesh.mNumFaces; ++f)
+      for (unsigned k = 0; k < mesh.mFaces[f].mNumIndices; ++k)
+        if (mesh.mFaces[f].mIndices[k] >= mesh.mNumVertices) return false;
+  }
+  return true;
+}
+
+MeshFile read_stl_binary(std::string_view bytes, double scale) {
+  MeshFile out;
+  Welder welder;
+  std::uint32_t count = 0;
+  std::memcpy(&count, bytes.data() + 80, 4);
+  out.mesh.triangles.reserve(count);
+  for (std::size_t t = 0; t < count; ++t) {
+    std::array<Vec3, 3> corner;
+    float v[9];
+    std::memcpy(v, bytes.data() + 84 + 50 * t + 12, sizeof v);
+    for (std::size_t k = 0; k < 3; ++k) corner[k] = scale * Vec3(v[3 * k], v[3 * k + 1], v[3 * k + 2]);
+    welder.add(corner, out);
+  }
+  return out;
+}
+
+Result<MeshFile> read_stl_text(std::string_view bytes, const std::string& name, double scale) {
+  MeshFile out;
+  Welder welder;
+  std::string_view rest = bytes, line;
+  std::array<Vec3, 3> corner;
+  std::size_t corners = 0;
+  int number = 0;
+  while (text_scan::take_line(rest, line)) {
+    ++number;
+    const std::string_view word = text_scan::take_word(line);
+    if (word == "vertex") {
+      Vec3 v;
+      for (int k = 0; k < 3; ++k)
+        if (const std::string_view w = text_scan::take_word(line); !text_scan::parse_number(w, v[k]))
+          return refused("input.mesh_broken", name + ":" + std::to_string(number), "found " + text_scan::shown_word(w) + ", allowed three numbers with decimal points");
+      if (corners == 3) return refused("input.mesh_broken", name + ":" + std::to_string(number), "found a facet of more than three corners, allowed three");
+      corner[corners++] = scale * v;
+    } else if (word == "endfacet") {
+      if (corners != 3) return refused("input.mesh_broken", name + ":" + std::to_string(number), "found a facet of " + std::to_string(corners) + " corners, allowed three");
+      welder.add(corner, out);
+      corners = 0;
+    } else if (word == "facet") {
+      corners = 0;
+    }
+  }
+  if (corners != 0) return refused("input.mesh_truncated", name + ":" + std::to_string(number), "found the end of the file inside a facet; copy or export the file again");
+  return out;
+}
+
+Result<MeshFile> read_ply_mesh(std::string_view bytes, const std::string& name, double scale) {
+  auto polygons = read_ply_polygons(bytes, name);
+  if (!polygons) {
+    Refusals faults = polygons.error();
+    for (Refusal& f : faults) f.code = f.code == "input.cloud_truncated" ? "input.mesh_truncated" : "input.mesh_broken";
+    return refuse_all(std::move(faults));
+  }
+  MeshFile out;
+  Welder welder;
+  std::size_t at = 0;
+  std::vector<Vec3> polygon;
+  for (const std::uint32_t size : polygons->sizes) {
+    polygon.clear();
+    for (std::size_t k = 0; k < size; ++k) polygon.push_back(scale * polygons->vertices[polygons->corners[at + k]]);
+    at += size;
+    if (size < 3) continue;
+    for (const auto& t : triangles_of(polygon)) welder.add({polygon[t[0]], polygon[t[1]], polygon[t[2]]}, out);
+  }
+  return out;
+}
 
 void collect(const aiScene& scene, const aiNode& node, const aiMatrix4x4& parent, double scale, Welder& welder, MeshFile& out, int depth) {
   if (depth > 200) return;
@@ -77,31 +160,34 @@ void collect(const aiScene& scene, const aiNode& node, const aiMatrix4x4& parent
     const aiMesh& mesh = *scene.mMeshes[node.mMeshes[m]];
     for (unsigned f = 0; f < mesh.mNumFaces; ++f) {
       const aiFace& face = mesh.mFaces[f];
-      if (face.mNumIndices != 3) continue;
-      std::array<int, 3> triangle{};
-      bool is_finite = true;
-      std::array<Vec3, 3> corner;
-      for (int k = 0; k < 3; ++k) {
-        if (face.mIndices[k] >= mesh.mNumVertices) {
-          is_finite = false;
-          break;
-        }
+      if (face.mNumIndices < 3) continue;  // points and lines
+      std::vector<Vec3> polygon;
+      for (unsigned k = 0; k < face.mNumIndices; ++k) {
         const aiVector3D v = T * mesh.mVertices[face.mIndices[k]];
-        corner[std::size_t(k)] = scale * Vec3(v.x, v.y, v.z);
-        is_finite = is_finite && corner[std::size_t(k)].allFinite();
+        polygon.push_back(scale * Vec3(v.x, v.y, v.z));
       }
-      if (!is_finite) {
-        ++out.dropped_count;
-        continue;
-      }
-      for (std::size_t k = 0; k < 3; ++k) triangle[k] = welder.at(corner[k]);
-      if (triangle[0] == triangle[1] || triangle[1] == triangle[2] || triangle[2] == triangle[0])
-        ++out.degenerate_count;
-      else
-        out.mesh.triangles.push_back(triangle);
+      for (const auto& t : triangles_of(polygon)) welder.add({polygon[t[0]], polygon[t[1]], polygon[t[2]]}, out);
     }
   }
   for (unsigned c = 0; c < node.mNumChildren; ++c) collect(scene, *node.mChildren[c], T, scale, welder, out, depth + 1);
+}
+
+Result<MeshFile> read_by_assimp(std::string_view bytes, const std::string& name, const std::string& hint, double mm_per_unit) {
+  MeshFile out;
+  try {
+    Assimp::Importer importer;
+    if (hint.empty() || !importer.IsExtensionSupported("." + hint))
+      return refused("input.mesh_format", name, "found a file of the format '" + hint.substr(0, 20) + "', allowed STL, PLY, OBJ, 3MF, DAE and what else assimp reads");
+    importer.SetPropertyBool(AI_CONFIG_IMPORT_COLLADA_IGNORE_UP_DIRECTION, true);
+    const aiScene* scene = importer.ReadFileFromMemory(bytes.data(), bytes.size(), 0, hint.c_str());
+    if (!scene || !scene->mRootNode) return refused("input.mesh_broken", name, std::string("found a file that cannot be read as a mesh (") + std::string(importer.GetErrorString()).substr(0, 200) + ")");
+    if (!has_valid_indices(*scene)) return refused("input.mesh_broken", name, "found a face with a corner that is not in the file; export the mesh again");
+    Welder welder;
+    collect(*scene, *scene->mRootNode, aiMatrix4x4(), mm_per_unit, welder, out, 0);
+  } catch (const std::exception& e) {
+    return refused("input.mesh_broken", name, std::string("found a file that cannot be read as a mesh (") + e.what() + ")");
+  }
+  return out;
 }
 
 template <class T>
@@ -114,48 +200,26 @@ void put(std::string& bytes, const T& v) {
 std::optional<double> mesh_unit_mm(std::string_view bytes, const std::string& name) {
   const std::string e = extension_of(name);
   if (e == "dae") return 1000.0;  // assimp turns the file's unit into metres
-  if (e == "3mf") {               // an attribute of the model; millimetres where it is absent
-    const std::optional<std::string> model = read_zip_entry(bytes, ".model", 1u << 16);
-    if (!model) return std::nullopt;
-    const std::size_t tag = model->find("<model");
-    const std::string head = tag == std::string::npos ? "" : model->substr(tag, model->find('>', tag) - tag);
-    const std::size_t unit = head.find(" unit=");
-    if (unit == std::string::npos || head.size() < unit + 8) return 1.0;
-    const std::string word = head.substr(unit + 7, head.find(head[unit + 6], unit + 7) - unit - 7);
-    static constexpr std::pair<std::string_view, double> units[] = {{"micron", 0.001}, {"millimeter", 1}, {"centimeter", 10}, {"inch", 25.4}, {"foot", 304.8}, {"meter", 1000}};
-    for (const auto& [name_of_unit, mm] : units)
-      if (word == name_of_unit) return mm;
-  }
+  if (e == "3mf") return three_mf_unit_mm(bytes);
   return std::nullopt;
 }
 
 Result<MeshFile> read_mesh(std::string_view bytes, const std::string& name, double mm_per_unit) {
   const std::string hint = extension_of(name);
+  Result<MeshFile> read = MeshFile{};
   if (hint == "stl") {
     if (auto fault = check_stl(bytes, name)) return refuse_all(std::move(*fault));
+    if (is_stl_text(bytes)) read = read_stl_text(bytes, name, mm_per_unit);
+    else read = read_stl_binary(bytes, mm_per_unit);
   } else if (is_ply(bytes)) {
-    if (auto points = read_ply_points(bytes, name); !points) {
-      Refusals faults = points.error();
-      for (Refusal& f : faults) f.code = f.code == "input.cloud_truncated" ? "input.mesh_truncated" : "input.mesh_broken";
-      return refuse_all(std::move(faults));
-    }
+    read = read_ply_mesh(bytes, name, mm_per_unit);
+  } else if (hint == "3mf") {
+    read = read_three_mf(bytes, name, mm_per_unit);
+  } else {
+    read = read_by_assimp(bytes, name, hint, mm_per_unit);
   }
-  MeshFile out;
-  try {
-    Assimp::Importer importer;
-    if (hint.empty() || !importer.IsExtensionSupported("." + hint))
-      return refused("input.mesh_format", name, "found a file of the format '" + hint.substr(0, 20) + "', allowed STL, PLY, OBJ, 3MF, DAE and what else assimp reads");
-    importer.SetPropertyBool(AI_CONFIG_IMPORT_COLLADA_IGNORE_UP_DIRECTION, true);
-    importer.SetPropertyInteger(AI_CONFIG_PP_SBP_REMOVE, aiPrimitiveType_POINT | aiPrimitiveType_LINE);
-    const aiScene* scene = importer.ReadFileFromMemory(bytes.data(), bytes.size(), aiProcess_Triangulate | aiProcess_SortByPType, hint.c_str());
-    if (!scene || !scene->mRootNode) return refused("input.mesh_broken", name, std::string("found a file that cannot be read as a mesh (") + std::string(importer.GetErrorString()).substr(0, 200) + ")");
-    Welder welder{{}, out.mesh};
-    collect(*scene, *scene->mRootNode, aiMatrix4x4(), mm_per_unit, welder, out, 0);
-  } catch (const std::exception& e) {
-    return refused("input.mesh_broken", name, std::string("found a file that cannot be read as a mesh (") + e.what() + ")");
-  }
-  if (out.mesh.triangles.empty()) return refused("input.mesh_empty", name, "found a mesh without a single triangle, allowed at least one");
-  return out;
+  if (read && read->mesh.triangles.empty()) return refused("input.mesh_empty", name, "found a mesh without a single triangle, allowed at least one");
+  return read;
 }
 
 std::string write_mesh_ply(const Mesh& mesh) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Triangle meshes from and to files. Reading goes through assimp (STL, PLY, OBJ, 3MF, DAE, ...), behind checks that name where a
-// file ends too early; vertices at the same place become one.
+// Triangle meshes from and to files. STL, PLY and 3MF are read here, which keeps every digit and names the place where
+// a file is broken; OBJ, DAE and the rest go through assimp. Vertices at the same place become one.
 #pragma once
 
 #include <Eigen/Core>

@@ -87,8 +87,29 @@ void add_point(CloudFile& cloud, double x, double y, double z) {
     ++cloud.dropped_count;
 }
 
+/// Where the values of a file go: points of a cloud, or vertices and faces of a mesh.
+struct Sink {
+  CloudFile cloud;
+  PlyPolygons mesh;
+  bool wants_mesh = false;
+
+  void point(double x, double y, double z) {
+    if (wants_mesh) mesh.vertices.emplace_back(x, y, z);
+    else add_point(cloud, x, y, z);
+  }
+  /// The property of a face that names its corners; -1 where the element is no face.
+  int corners_of(const PlyElement& e) const {
+    if (wants_mesh && e.name == "face")
+      for (std::size_t i = 0; i < e.properties.size(); ++i)
+        if (e.properties[i].is_list && (e.properties[i].name == "vertex_indices" || e.properties[i].name == "vertex_index")) return int(i);
+    return -1;
+  }
+  void corner(double v) { mesh.corners.push_back(v >= 0 && v < 4294967295.0 ? std::uint32_t(v) : 0xffffffffu); }
+};
+
 /// A table of fixed records: `stride` bytes each, checked to lie wholly inside the file.
-void read_records(const char* data, const PlyElement& e, std::size_t stride, bool is_big, CloudFile& cloud) {
+void read_records(const char* data, const PlyElement& e, std::size_t stride, bool is_big, Sink& sink) {
+  CloudFile& cloud = sink.cloud;
   const Coordinates c = coordinates_of(e);
   std::size_t offset[3];
   for (int k = 0; k < 3; ++k) {
@@ -97,7 +118,7 @@ void read_records(const char* data, const PlyElement& e, std::size_t stride, boo
   }
   const PlyType tx = e.properties[std::size_t(c.property[0])].type, ty = e.properties[std::size_t(c.property[1])].type, tz = e.properties[std::size_t(c.property[2])].type;
   const bool is_float_row = tx == PlyType::float32 && ty == tx && tz == tx && offset[1] == offset[0] + 4 && offset[2] == offset[0] + 8;
-  if (is_float_row && !is_big) {
+  if (is_float_row && !is_big && !sink.wants_mesh) {
     cloud.points.resize(e.count);
     Eigen::Vector3f* to = cloud.points.data();
     const char* from = data + offset[0];
@@ -113,11 +134,12 @@ void read_records(const char* data, const PlyElement& e, std::size_t stride, boo
     cloud.points.resize(kept);
     return;
   }
-  cloud.points.reserve(e.count);
-  for (std::uint64_t i = 0; i < e.count; ++i, data += stride) add_point(cloud, value_at(data + offset[0], tx, is_big), value_at(data + offset[1], ty, is_big), value_at(data + offset[2], tz, is_big));
+  if (!sink.wants_mesh) cloud.points.reserve(e.count);
+  for (std::uint64_t i = 0; i < e.count; ++i, data += stride) sink.point(value_at(data + offset[0], tx, is_big), value_at(data + offset[1], ty, is_big), value_at(data + offset[2], tz, is_big));
 }
 
-Result<CloudFile> read_binary(std::string_view bytes, const PlyHeader& h, const std::string& name, CloudFile cloud) {
+/// Fills the sink; a refusal, or nothing.
+std::optional<Refusals> read_binary(std::string_view bytes, const PlyHeader& h, const std::string& name, Sink& sink) {
   const bool is_big = h.format == PlyFormat::big_endian;
   std::size_t at = h.data_begin;
   const auto here = [&] { return name + ": byte " + std::to_string(at); };
@@ -130,27 +152,32 @@ Result<CloudFile> read_binary(std::string_view bytes, const PlyHeader& h, const 
     if (fit < e.count) {
       const std::uint64_t done = has_list ? 0 : fit;
       at = bytes.size();
-      return ends_early(here(), e, done);
+      return ends_early(here(), e, done).value();
     }
     const bool is_vertex = e.name == "vertex";
     if (!has_list) {
-      if (is_vertex) read_records(bytes.data() + at, e, least, is_big, cloud);
+      if (is_vertex) read_records(bytes.data() + at, e, least, is_big, sink);
       at += e.count * least;
       continue;
     }
     const Coordinates c = coordinates_of(e);
+    const int corners = sink.corners_of(e);
     for (std::uint64_t i = 0; i < e.count; ++i) {
       double xyz[3] = {0, 0, 0};
       for (std::size_t k = 0; k < e.properties.size(); ++k) {
         const PlyProperty& p = e.properties[k];
         const std::size_t size = std::size_t(size_of(p.is_list ? p.count_type : p.type));
-        if (bytes.size() - at < size) return ends_early(here(), e, i);
+        if (bytes.size() - at < size) return ends_early(here(), e, i).value();
         const double value = value_at(bytes.data() + at, p.is_list ? p.count_type : p.type, is_big);
         if (p.is_list) {
           if (!(value >= 0) || value != std::floor(value))
-            return refuse({.code = "input.cloud_value", .where = here(), .message = "found a list of negative or broken length, allowed a whole number from 0", .stage = "input"});
+            return refuse({.code = "input.cloud_value", .where = here(), .message = "found a list of negative or broken length, allowed a whole number from 0", .stage = "input"}).value();
           at += size;
-          if (value > double((bytes.size() - at) / std::size_t(size_of(p.type)))) return ends_early(here(), e, i);
+          if (value > double((bytes.size() - at) / std::size_t(size_of(p.type)))) return ends_early(here(), e, i).value();
+          if (int(k) == corners) {
+            sink.mesh.sizes.push_back(std::uint32_t(value));
+            for (std::size_t n = 0; n < std::size_t(value); ++n) sink.corner(value_at(bytes.data() + at + n * std::size_t(size_of(p.type)), p.type, is_big));
+          }
           at += std::size_t(value) * std::size_t(size_of(p.type));
           continue;
         }
@@ -158,13 +185,13 @@ Result<CloudFile> read_binary(std::string_view bytes, const PlyHeader& h, const 
         for (int d = 0; d < 3; ++d)
           if (c.property[d] == int(k)) xyz[d] = value;
       }
-      if (is_vertex) add_point(cloud, xyz[0], xyz[1], xyz[2]);
+      if (is_vertex) sink.point(xyz[0], xyz[1], xyz[2]);
     }
   }
-  return cloud;
+  return std::nullopt;
 }
 
-Result<CloudFile> read_ascii(std::string_view bytes, const PlyHeader& h, const std::string& name, CloudFile cloud) {
+std::optional<Refusals> read_ascii(std::string_view bytes, const PlyHeader& h, const std::string& name, Sink& sink) {
   std::string_view rest = bytes.substr(h.data_begin), line;
   int number = h.data_line - 1;
   const auto here = [&] { return name + ":" + std::to_string(number); };
@@ -172,11 +199,12 @@ Result<CloudFile> read_ascii(std::string_view bytes, const PlyHeader& h, const s
     if (e.properties.empty()) continue;
     const bool is_vertex = e.name == "vertex";
     const Coordinates c = coordinates_of(e);
+    const int corners = sink.corners_of(e);
     const std::uint64_t fit = rest.size() / (2 * e.properties.size()) + 1;  // a value and its blank take two bytes
-    if (is_vertex) cloud.points.reserve(std::min(e.count, fit));
+    if (is_vertex && !sink.wants_mesh) sink.cloud.points.reserve(std::min(e.count, fit));
     for (std::uint64_t i = 0; i < e.count; ++i) {
       do {
-        if (!take_line(rest, line)) return ends_early(here(), e, i);
+        if (!take_line(rest, line)) return ends_early(here(), e, i).value();
         ++number;
       } while (line.find_first_not_of(" \t\r") == std::string_view::npos);
       double xyz[3] = {0, 0, 0};
@@ -187,17 +215,20 @@ Result<CloudFile> read_ascii(std::string_view bytes, const PlyHeader& h, const s
         for (std::uint64_t n = 0; n < values + (p.is_list ? 1 : 0); ++n) {
           const std::string_view word = take_word(line);
           if (word.empty()) {
-            if (rest.empty()) return ends_early(here(), e, i);
-            return refuse({.code = "input.cloud_value", .where = here(), .message = "found a line of element '" + e.name.substr(0, 40) + "' with too few values for '" + p.name.substr(0, 40) + "', allowed all of them on one line", .stage = "input"});
+            if (rest.empty()) return ends_early(here(), e, i).value();
+            return refuse({.code = "input.cloud_value", .where = here(), .message = "found a line of element '" + e.name.substr(0, 40) + "' with too few values for '" + p.name.substr(0, 40) + "', allowed all of them on one line", .stage = "input"}).value();
           }
           if (!parse_number(word, value))
-            return refuse({.code = "input.cloud_value", .where = here() + ": " + p.name.substr(0, 40), .message = "found " + shown_word(word) + ", allowed a number with a decimal point", .stage = "input"});
+            return refuse({.code = "input.cloud_value", .where = here() + ": " + p.name.substr(0, 40), .message = "found " + shown_word(word) + ", allowed a number with a decimal point", .stage = "input"}).value();
           if (p.is_list && n == 0) {
             if (!(value >= 0 && value <= double(line.size())) || value != std::floor(value)) {
-              if (rest.empty()) return ends_early(here(), e, i);
-              return refuse({.code = "input.cloud_value", .where = here() + ": " + p.name.substr(0, 40), .message = "found a list of length " + shown_word(word) + ", allowed as many values as follow on the line", .stage = "input"});
+              if (rest.empty()) return ends_early(here(), e, i).value();
+              return refuse({.code = "input.cloud_value", .where = here() + ": " + p.name.substr(0, 40), .message = "found a list of length " + shown_word(word) + ", allowed as many values as follow on the line", .stage = "input"}).value();
             }
             values = std::uint64_t(value);
+            if (int(k) == corners) sink.mesh.sizes.push_back(std::uint32_t(values));
+          } else if (int(k) == corners) {
+            sink.corner(value);
           }
         }
         if (!p.is_list)
@@ -205,11 +236,11 @@ Result<CloudFile> read_ascii(std::string_view bytes, const PlyHeader& h, const s
             if (c.property[d] == int(k)) xyz[d] = value;
       }
       if (const std::string_view extra = take_word(line); !extra.empty())
-        return refuse({.code = "input.cloud_value", .where = here(), .message = "found " + shown_word(extra) + " after the last value of element '" + e.name.substr(0, 40) + "', allowed the end of the line", .stage = "input"});
-      if (is_vertex) add_point(cloud, xyz[0], xyz[1], xyz[2]);
+        return refuse({.code = "input.cloud_value", .where = here(), .message = "found " + shown_word(extra) + " after the last value of element '" + e.name.substr(0, 40) + "', allowed the end of the line", .stage = "input"}).value();
+      if (is_vertex) sink.point(xyz[0], xyz[1], xyz[2]);
     }
   }
-  return cloud;
+  return std::nullopt;
 }
 
 }  // namespace
@@ -274,19 +305,37 @@ Result<PlyHeader> read_ply_header(std::string_view bytes, const std::string& nam
   return h;
 }
 
-Result<CloudFile> read_ply_points(std::string_view bytes, const std::string& name) {
+namespace {
+
+std::optional<Refusals> read_into(std::string_view bytes, const std::string& name, Sink& sink) {
   const Result<PlyHeader> header = read_ply_header(bytes, name);
-  if (!header) return tl::unexpected(header.error());
+  if (!header) return header.error();
   int vertices = 0;
   for (const PlyElement& e : header->elements) {
     if (e.name != "vertex") continue;
-    if (!coordinates_of(e).are_complete()) return refuse({.code = "input.cloud_no_xyz", .where = name, .message = "found an element 'vertex' without the properties x, y, z, allowed with them", .stage = "input"});
+    if (!coordinates_of(e).are_complete()) return refuse({.code = "input.cloud_no_xyz", .where = name, .message = "found an element 'vertex' without the properties x, y, z, allowed with them", .stage = "input"}).value();
     ++vertices;
   }
-  if (vertices != 1) return refuse({.code = "input.cloud_no_xyz", .where = name, .message = "found " + std::to_string(vertices) + " elements named 'vertex', allowed one", .measured = double(vertices), .limit = 1, .stage = "input"});
-  CloudFile cloud;
-  cloud.format = header->format == PlyFormat::ascii ? "ply ascii" : header->format == PlyFormat::little_endian ? "ply binary_little_endian" : "ply binary_big_endian";
-  return header->format == PlyFormat::ascii ? read_ascii(bytes, *header, name, std::move(cloud)) : read_binary(bytes, *header, name, std::move(cloud));
+  if (vertices != 1) return refuse({.code = "input.cloud_no_xyz", .where = name, .message = "found " + std::to_string(vertices) + " elements named 'vertex', allowed one", .measured = double(vertices), .limit = 1, .stage = "input"}).value();
+  sink.cloud.format = header->format == PlyFormat::ascii ? "ply ascii" : header->format == PlyFormat::little_endian ? "ply binary_little_endian" : "ply binary_big_endian";
+  return header->format == PlyFormat::ascii ? read_ascii(bytes, *header, name, sink) : read_binary(bytes, *header, name, sink);
+}
+
+}  // namespace
+
+Result<CloudFile> read_ply_points(std::string_view bytes, const std::string& name) {
+  Sink sink;
+  if (auto fault = read_into(bytes, name, sink)) return refuse_all(std::move(*fault));
+  return std::move(sink.cloud);
+}
+
+Result<PlyPolygons> read_ply_polygons(std::string_view bytes, const std::string& name) {
+  Sink sink;
+  sink.wants_mesh = true;
+  if (auto fault = read_into(bytes, name, sink)) return refuse_all(std::move(*fault));
+  for (const std::uint32_t c : sink.mesh.corners)
+    if (c >= sink.mesh.vertices.size()) return refuse({.code = "input.cloud_value", .where = name, .message = "found a face with a corner that is not in the file; export the mesh again", .stage = "input"});
+  return std::move(sink.mesh);
 }
 
 }  // namespace asbuilt

@@ -7,6 +7,7 @@
 #include <string_view>
 #include <vector>
 
+#include "planner/base/frames.hpp"
 #include "planner/base/result.hpp"
 #include "planner/io/cloud_file.hpp"
 
@@ -38,5 +39,14 @@ bool is_ply(std::string_view bytes);
 Result<PlyHeader> read_ply_header(std::string_view bytes, const std::string& name);
 /// The points of element `vertex`; all elements are walked to their end. Refuses like read_cloud.
 Result<CloudFile> read_ply_points(std::string_view bytes, const std::string& name);
+
+struct PlyPolygons {
+  std::vector<Vec3> vertices;          // all of them, also those that are no numbers
+  std::vector<std::uint32_t> sizes;    // corners of each face
+  std::vector<std::uint32_t> corners;  // face after face; each names a vertex
+};
+/// The vertices and faces (`vertex_indices` or `vertex_index` of element `face`). Refuses like read_cloud, and input.cloud_value where
+/// a face names a vertex that is not there.
+Result<PlyPolygons> read_ply_polygons(std::string_view bytes, const std::string& name);
 
 }  // namespace asbuilt

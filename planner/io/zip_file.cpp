@@ -28,8 +28,8 @@ std::optional<std::string> read_zip_entry(std::string_view bytes, std::string_vi
   std::size_t central = at;
   for (int i = 0; i < entries; ++i) {
     std::uint16_t method = 0, name_size = 0, extra_size = 0, comment_size = 0, local_name = 0, local_extra = 0;
-    std::uint32_t packed = 0, local = 0, mark = 0;
-    if (!number_at(bytes, central, mark) || mark != 0x02014b50u || !number_at(bytes, central + 10, method) || !number_at(bytes, central + 20, packed) || !number_at(bytes, central + 28, name_size) ||
+    std::uint32_t packed = 0, plain = 0, local = 0, mark = 0;
+    if (!number_at(bytes, central, mark) || mark != 0x02014b50u || !number_at(bytes, central + 10, method) || !number_at(bytes, central + 20, packed) || !number_at(bytes, central + 24, plain) || !number_at(bytes, central + 28, name_size) ||
         !number_at(bytes, central + 30, extra_size) || !number_at(bytes, central + 32, comment_size) || !number_at(bytes, central + 42, local) || bytes.size() - central < 46u + name_size)
       return std::nullopt;
     const std::string_view name = bytes.substr(central + 46, name_size);
@@ -41,13 +41,14 @@ std::optional<std::string> read_zip_entry(std::string_view bytes, std::string_vi
     const std::string_view data = bytes.substr(begin, packed);
     if (method == 0) return std::string(data.substr(0, limit));
     if (method != 8) return std::nullopt;
-    std::string out(limit, '\0');
+    // Deflate cannot grow data more than about 1032 times, whatever the header says.
+    std::string out(std::min({limit, std::size_t(plain), data.size() * 1040 + 64}), '\0');
     z_stream z{};
     if (inflateInit2(&z, -MAX_WBITS) != Z_OK) return std::nullopt;
     z.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(data.data()));
     z.avail_in = uInt(data.size());
     z.next_out = reinterpret_cast<Bytef*>(out.data());
-    z.avail_out = uInt(std::min<std::size_t>(limit, 1u << 30));
+    z.avail_out = uInt(out.size());
     const int status = inflate(&z, Z_SYNC_FLUSH);
     out.resize(z.total_out);
     inflateEnd(&z);

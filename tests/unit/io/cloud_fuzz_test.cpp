@@ -12,32 +12,13 @@
 namespace asbuilt {
 namespace {
 
-std::string mutated(std::string bytes, std::mt19937_64& engine) {
-  const auto below = [&](std::size_t n) { return n ? std::size_t(engine() % n) : 0; };
-  static const char* const words[] = {"-1", "0", "99999999999", "4294967295", "18446744073709551615", "nan", "1e308", "list", "\n", "end_header\n", "element vertex 7\n", "property double x\n", " ", "\xff\xff\xff\xff", "DATA binary\n", "{", "]", ": "};
-  for (std::size_t k = 1 + below(6); k-- > 0;) {
-    const std::size_t at = below(bytes.size() + 1);
-    switch (below(6)) {
-      case 0:
-      case 1:
-        if (at < bytes.size()) bytes[at] = char(engine());
-        break;
-      case 2: bytes.resize(at); break;
-      case 3: bytes.insert(at, words[below(std::size(words))]); break;
-      case 4: bytes.erase(at, below(20)); break;
-      default: bytes.insert(at, bytes.substr(below(bytes.size() + 1), below(64)));
-    }
-  }
-  return bytes;
-}
-
 TEST(CloudFuzz, no_bytes_break_the_readers) {
   const auto layouts = test::all_layouts(test::some_points(12));
   std::mt19937_64 engine(20261122);
   std::size_t read = 0, refused = 0;
   for (int round = 0; round < 600; ++round)
     for (const auto& [name, bytes] : layouts) {
-      const std::string changed = mutated(bytes, engine);
+      const std::string changed = test::mutated(bytes, engine);
       const auto cloud = read_cloud(changed, "f");
       if (!cloud) {
         ++refused;
@@ -63,7 +44,7 @@ TEST(CloudFuzz, no_bytes_break_the_urdf_reader) {
   ASSERT_TRUE(read_urdf(urdf, "r.urdf", "b", "l6"));
   std::mt19937_64 engine(7);
   for (int round = 0; round < 20000; ++round) {
-    const auto robot = read_urdf(mutated(urdf, engine), "r.urdf", "b", "l6");
+    const auto robot = read_urdf(test::mutated(urdf, engine), "r.urdf", "b", "l6");
     EXPECT_TRUE(robot || !robot.error()[0].code.empty());
   }
 }

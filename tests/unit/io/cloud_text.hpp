@@ -4,6 +4,8 @@
 
 #include <cstdint>
 #include <cstring>
+#include <iterator>
+#include <random>
 #include <string>
 #include <vector>
 
@@ -140,6 +142,26 @@ inline std::vector<std::pair<std::string, std::string>> all_layouts(const std::v
     for (const bool is_double : {false, true}) all.emplace_back(std::string("pcd ") + data + (is_double ? " double" : ""), pcd(points, data, is_double));
   for (const char* divider : {" ", "\t", ", ", ";"}) all.emplace_back(std::string("xyz '") + divider + "'", xyz(points, divider));
   return all;
+}
+
+/// The bytes with a few of them changed, cut out, doubled or put in.
+inline std::string mutated(std::string bytes, std::mt19937_64& engine) {
+  const auto below = [&](std::size_t n) { return n ? std::size_t(engine() % n) : 0; };
+  static const char* const words[] = {"-1", "0", "99999999999", "4294967295", "18446744073709551615", "nan", "1e308", "list", "\n", "end_header\n", "element vertex 7\n", "property double x\n", " ", "\xff\xff\xff\xff", "DATA binary\n", "{", "]", ": "};
+  for (std::size_t k = 1 + below(6); k-- > 0;) {
+    const std::size_t at = below(bytes.size() + 1);
+    switch (below(6)) {
+      case 0:
+      case 1:
+        if (at < bytes.size()) bytes[at] = char(engine());
+        break;
+      case 2: bytes.resize(at); break;
+      case 3: bytes.insert(at, words[below(std::size(words))]); break;
+      case 4: bytes.erase(at, below(20)); break;
+      default: bytes.insert(at, bytes.substr(below(bytes.size() + 1), below(64)));
+    }
+  }
+  return bytes;
 }
 
 }  // namespace asbuilt::test
