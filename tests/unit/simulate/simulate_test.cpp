@@ -44,6 +44,12 @@ TEST(Solid, worked_edges_lie_on_both_faces_and_drawn_and_made_match) {
   }
 }
 
+TEST(Parts, the_files_that_come_with_the_project_are_the_virtual_parts) {
+  EXPECT_EQ(bytes_of("parts/bearing_ring/ring.step"), step_text(make_ring(true), "ring"));
+  EXPECT_EQ(bytes_of("parts/bracket/bracket.step"), step_text(make_bracket(), "bracket"));
+  EXPECT_EQ(bytes_of("fixtures/cells/virtual/cell.yaml"), cell_text(virtual_cell()));
+}
+
 TEST(TrueRobot, is_as_far_from_its_model_as_ordered) {
   const CellSpec cell = virtual_cell();
   for (std::uint64_t seed : {1, 2, 3}) {
