@@ -55,6 +55,16 @@ double opening(const std::vector<double>& gap) {
   return kProfileMm;
 }
 
+/// One station's cross-section is a poor measurement: the middle one of five.
+double middle_area(const EdgeBurr& b, std::size_t i) {
+  std::vector<double> v;
+  for (std::size_t k = i < 2 ? 0 : i - 2; k < std::min(i + 3, b.area_mm2.size()); ++k)
+    if (std::isfinite(b.area_mm2[k])) v.push_back(b.area_mm2[k]);
+  if (v.empty()) return 0;
+  std::sort(v.begin(), v.end());
+  return v[v.size() / 2];
+}
+
 Vec3 into(const Vec3& n, const Vec3& tau, const Vec3& other) {
   Vec3 t = n.cross(tau).normalized();
   return t.dot(other) > 0 ? Vec3(-t) : t;
@@ -97,7 +107,7 @@ EdgeCut cut_edge(const AdaptedEdge& e, const EdgeBurr* burr, const Pose<frame::B
     const Vec3 t_1 = into(n_1, tau, n_2), t_2 = into(n_2, tau, n_1), b = (n_1 + n_2).normalized();
     const double beta = kPi - std::acos(std::clamp(n_1.dot(n_2), -1.0, 1.0));
     const bool has_burr = burr != nullptr && std::isfinite(burr->height_mm[i]) && burr->height_mm[i] > 0.01 && std::isfinite(burr->area_mm2[i]);
-    const double burr_length = has_burr ? 1.2 * burr->height_mm[i] : 0, burr_area = has_burr ? burr->area_mm2[i] : 0;
+    const double burr_length = has_burr ? 1.2 * burr->height_mm[i] : 0, burr_area = has_burr ? middle_area(*burr, i) : 0;
     const std::vector<int> near = grid.near(p, reach + burr_length, poses);
     if (near.empty()) continue;
     std::vector<Vec3> probe;

@@ -12,7 +12,7 @@ namespace asbuilt {
 namespace {
 constexpr double kRootWidthMm = 0.2;       // thickness where none was measured
 constexpr double kThinMm = 0.1;            // below this height a cross-section says little
-constexpr std::size_t kRatiosLeastCount = 20, kAroundCount = 8;  // stations for a thickness; stations to either side: 4 mm
+constexpr std::size_t kRatiosLeastCount = 20, kAroundCount = 2;  // stations for a thickness; neighbours to either side
 constexpr double kLeanLow = 0.7, kLeanHigh = 1.42;  // extent along the chamfer's normal per ISO height: fin along a face, along the bisector
 constexpr double kCycleS = 0.012;          // slowest interpolation cycle among the controllers
 constexpr double kStepRatio = 0.05;        // a block's feed may lie this far under its points' limits
@@ -44,11 +44,13 @@ std::vector<BurrBound> burr_bounds(const EdgeBurr& burr, double burr_max_height_
     } else {
       out[i].height_mm = std::isfinite(upper) ? std::max(upper, 0.0) : burr_max_height_mm;
     }
-    double area = 0, heights = 0;
+    // a thick place counts where at least three of five neighbours say so
+    std::vector<double> around;
     for (std::size_t k = i - std::min(i, kAroundCount); k <= std::min(i + kAroundCount, n - 1); ++k)
       if (std::isfinite(burr.height_mm[k]) && std::isfinite(burr.area_mm2[k]) && burr.height_mm[k] > kThinMm)
-        area += std::max(burr.area_mm2[k], 0.0), heights += burr.height_mm[k];
-    out[i].area_mm2 = out[i].height_mm * std::max(thickness_mm, heights > 0 ? area / heights : 0.0);
+        around.push_back(std::max(burr.area_mm2[k], 0.0) / burr.height_mm[k]);
+    std::sort(around.begin(), around.end());
+    out[i].area_mm2 = out[i].height_mm * std::max(thickness_mm, around.empty() ? 0.0 : around[around.size() / 2]);
   }
   return out;
 }
