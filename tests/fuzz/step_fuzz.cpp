@@ -8,7 +8,7 @@
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   asbuilt::StepOptions options;
-  options.chord_mm = 0.5;
+  options.chord_mm = 2;
   options.angle_rad = 0.6;
   options.edge_step_mm = 50;
   const auto r = asbuilt::read_step({reinterpret_cast<const char*>(data), size}, "fuzz.step", options);

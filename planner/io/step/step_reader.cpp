@@ -8,6 +8,7 @@
 #include "planner/io/step/classify.hpp"
 #include "planner/io/step/model.hpp"
 #include "planner/geom/mesh_brep.hpp"
+#include "planner/io/step/pmi.hpp"
 #include "planner/io/step/tessellate.hpp"
 #include "planner/io/step/tessellated.hpp"
 
@@ -185,6 +186,7 @@ Result<Done<Brep>> read_step(std::string_view bytes, const std::string& name, co
   Binder binder(file);
   Model model = read_model(binder, out.unread);
   out.units = model.units.name;
+  out.pmi = read_pmi(binder);
   if (model.is_cut)
     return refuse({.code = "step.limits",
                    .where = name + ":1",
@@ -217,6 +219,7 @@ Result<Done<Brep>> read_step(std::string_view bytes, const std::string& name, co
   }
   Tolerance tolerance;
   tolerance.chord_mm = options.chord_mm > 0 ? options.chord_mm : std::clamp(1e-4 * diagonal, 0.001, 0.02);
+  tolerance.chord_mm = std::max(tolerance.chord_mm, 1e-6 * diagonal);
   tolerance.angle_rad = options.angle_rad > 0 ? options.angle_rad : 0.1745;
 
   timing.topology_s = lap();

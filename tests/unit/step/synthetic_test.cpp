@@ -319,6 +319,38 @@ TEST(Synthetic, ChordToleranceIsHeld) {
   }
 }
 
+TEST(Synthetic, TolerancesDimensionsAndDatumsAreShown) {
+  StepText s;
+  const int solid = test::add_box(s, {0, 0, 0}, {30, 20, 10});
+  const int face = solid - 2;  // the last face before shell and solid
+  const int shape = s.add("PRODUCT_DEFINITION_SHAPE('','',$)");
+  const int mm = s.add("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))");
+  const auto measure = [&](const std::string& v) { return s.add("LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(" + v + ")," + s.ref(mm) + ")"); };
+  const int aspect = s.add("SHAPE_ASPECT('',$," + s.ref(shape) + ",.T.)");
+  s.add("GEOMETRIC_ITEM_SPECIFIC_USAGE('',''," + s.ref(aspect) + ",$," + s.ref(face) + ")");
+  const int datum = s.add("DATUM('',$," + s.ref(shape) + ",.F.,'A')");
+  const int compartment = s.add("DATUM_REFERENCE_COMPARTMENT('',$," + s.ref(shape) + ",.F.," + s.ref(datum) + ",$)");
+  const int system = s.add("DATUM_SYSTEM('',$," + s.ref(shape) + ",.F.,(" + s.ref(compartment) + "))");
+  s.add("FLATNESS_TOLERANCE('',''," + s.ref(measure("0.05")) + "," + s.ref(aspect) + ")");
+  s.add("(GEOMETRIC_TOLERANCE('',''," + s.ref(measure("0.2")) + "," + s.ref(aspect) + ")GEOMETRIC_TOLERANCE_WITH_DATUM_REFERENCE((" + s.ref(system) +
+        "))GEOMETRIC_TOLERANCE_WITH_MODIFIERS((.MAXIMUM_MATERIAL_REQUIREMENT.))POSITION_TOLERANCE())");
+  const int size = s.add("DIMENSIONAL_SIZE(" + s.ref(aspect) + ",'diameter')");
+  const int value = s.add("(LENGTH_MEASURE_WITH_UNIT()MEASURE_REPRESENTATION_ITEM()MEASURE_WITH_UNIT(POSITIVE_LENGTH_MEASURE(12.)," + s.ref(mm) + ")REPRESENTATION_ITEM('nominal value'))");
+  const int rep = s.add("SHAPE_DIMENSION_REPRESENTATION('',(" + s.ref(value) + "),$)");
+  s.add("DIMENSIONAL_CHARACTERISTIC_REPRESENTATION(" + s.ref(size) + "," + s.ref(rep) + ")");
+  const int range = s.add("TOLERANCE_VALUE(" + s.ref(measure("-0.02")) + "," + s.ref(measure("0.05")) + ")");
+  s.add("PLUS_MINUS_TOLERANCE(" + s.ref(range) + "," + s.ref(size) + ")");
+  s.part({solid});
+  const Brep b = read(s).artefact;
+  const std::string on = " faces #" + std::to_string(face);
+  ASSERT_EQ(b.pmi.size(), 4u);
+  EXPECT_EQ(b.pmi[0], "datum A #" + std::to_string(datum));
+  EXPECT_EQ(b.pmi[1].substr(0, 17), "flatness 0.05 mm ");
+  EXPECT_EQ(b.pmi[1].substr(b.pmi[1].size() - on.size()), on);
+  EXPECT_EQ(b.pmi[2].substr(0, 23), "position 0.2 mm M | A #");
+  EXPECT_EQ(b.pmi[3].substr(0, 37), "diameter 12 mm -0.02 mm .. +0.05 mm #");
+}
+
 TEST(Synthetic, CommentsBlanksAndCodesAreRead) {
   StepText s;
   s.part({test::add_box(s, {0, 0, 0}, {30, 20, 10})});
