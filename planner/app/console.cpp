@@ -10,6 +10,7 @@
 #include <cstdio>
 
 #include "planner/base/number.hpp"
+#include "planner/report/json_text.hpp"
 
 namespace asbuilt {
 
@@ -65,7 +66,7 @@ Console::Console(const ConsoleOptions& options) : options_(options), is_terminal
 
 Console::~Console() { clear_bar(); }
 
-void Console::answer(const Json& json, const std::string& text) { answer_text(json.dump(1) + "\n", text); }
+void Console::answer(const Json& json, const std::string& text) { answer_text(readable_json(json), text); }
 void Console::answer_text(const std::string& json_text, const std::string& text) { put(stdout, options_.is_json ? json_text : text); }
 
 void Console::say(const std::string& text) {

@@ -179,6 +179,9 @@ Result<BatchOutcome> run_batches(const std::vector<fs::path>& batch_files, const
   } else {
     run_items_here(tasks, watched, finished);
   }
+  constexpr int kRunsKept = 10;
+  constexpr double kDaysKept = 7;
+  if (const auto keys = history.latest_keys(kRunsKept)) Store(out / "store").prune(*keys, kDaysKept);
   outcome.lines = std::move(lines);
   outcome.exit_status = worst_exit_status(statuses);
   write_file_whole(out / "batch.json", batch_json(outcome.batch_id, outcome.lines));

@@ -106,6 +106,16 @@ void History::add(const BatchLine& line, const std::vector<StageEvent>& stages) 
   sqlite3_exec(database, "commit", nullptr, nullptr, nullptr);
 }
 
+std::optional<std::set<std::string>> History::latest_keys(int runs_count) const {
+  if (!database_) return std::nullopt;
+  std::set<std::string> keys;
+  Statement s(opened(database_), "select key from stages where key != '' and run in "
+                                 "(select run from (select run, row_number() over (partition by item order by run desc) as place from runs) where place <= ?)");
+  s.bind(static_cast<sqlite3_int64>(runs_count));
+  while (s.step()) keys.insert(s.text(0));
+  return keys;
+}
+
 std::optional<Why> History::why(const std::string& item_id) const {
   if (!database_) return std::nullopt;
   sqlite3* database = opened(database_);

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -17,6 +18,8 @@ class History {
   /// A file that cannot be opened is no reason to stop a batch: nothing is recorded then.
   explicit History(const std::filesystem::path& file);
   void add(const BatchLine& line, const std::vector<StageEvent>& stages);
+  /// The store's keys of the latest `runs_count` runs of each item; none where there is no history to go by.
+  std::optional<std::set<std::string>> latest_keys(int runs_count) const;
   /// None where the item was never run.
   std::optional<Why> why(const std::string& item_id) const;
 

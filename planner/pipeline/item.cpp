@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <limits>
 
 #include "planner/burr/burr.hpp"
 #include "planner/fit/fit.hpp"
@@ -25,6 +26,21 @@ Job job_to_plan(const Job& job) {
   Job j = job;
   j.inputs.clear();
   j.cell.controller = {};
+  return j;
+}
+
+/// The planned job as the measuring stages (fuse to burr) see it: the numbers that only decide how an edge is cut are not there
+/// (NaN: a stage that came to use one would show at once), so that changing one measures nothing again.
+Job job_to_measure(const Job& planned) {
+  Job j = planned;
+  constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+  for (Recipe& r : j.recipes) {
+    r.spindle_rpm = r.width_mm = r.tolerance_mm = r.feed_min_mm_s = r.feed_max_mm_s = r.removal_max_mm3_s = kUnknown;
+    r.approach_mm = r.lead_mm = r.path_tolerance_mm = r.gate_probability_ratio = kUnknown;
+    r.chip_load_mm.reset();
+    r.weld.clear();
+  }
+  j.overrides.clear();
   return j;
 }
 
@@ -83,7 +99,7 @@ ItemRecord run_item(const Batch& batch, const std::string& item_id, const ItemOp
   ItemRun run(batch.id, item_id, options, watch);
   ItemRecord& r = run.record;
   const auto is_last = [&](const char* name) { return options.last_stage == name; };
-  std::string job, cloud, location, features, burrs, path, motion, program;  // content hashes
+  std::string job, measured_job, cloud, location, features, burrs, path, motion, program;  // content hashes
 
   std::string files;
   if (!run.step("input", "input", [&] { files = job_inputs_hash(batch, item_id, options.inputs); })) return std::move(r);
@@ -91,27 +107,28 @@ ItemRecord run_item(const Batch& batch, const std::string& item_id, const ItemOp
   if (!run.stage<Job>("input", "input", r.job, {inputs_recipe, {{"files", files}}}, [&] { return load_job(batch, item_id, options.inputs); }))
     return std::move(r);
   const Job planned = job_to_plan(*r.job);
-  if (!run.step("input", "input", [&] { job = content_hash(planned); })) return std::move(r);
+  const Job measured = job_to_measure(planned);
+  if (!run.step("input", "input", [&] { job = content_hash(planned), measured_job = content_hash(measured); })) return std::move(r);
 
   const FuseRecipe fuse_recipe;
-  if (!run.stage<MeasuredCloud>("fuse", "fuse", r.cloud, {to_bytes(fuse_recipe), {{"job", job}}},
-                                [&] { return fuse(fuse_recipe, planned); }, &cloud) || is_last("fuse"))
+  if (!run.stage<MeasuredCloud>("fuse", "fuse", r.cloud, {to_bytes(fuse_recipe), {{"job", measured_job}}},
+                                [&] { return fuse(fuse_recipe, measured); }, &cloud) || is_last("fuse"))
     return std::move(r);
 
   const LocateRecipe locate_recipe;
-  if (!run.stage<Location>("locate", "locate", r.location, {to_bytes(locate_recipe), {{"job", job}, {"cloud", cloud}}},
-                           [&] { return locate(locate_recipe, planned, *r.cloud); }, &location) || is_last("locate"))
+  if (!run.stage<Location>("locate", "locate", r.location, {to_bytes(locate_recipe), {{"job", measured_job}, {"cloud", cloud}}},
+                           [&] { return locate(locate_recipe, measured, *r.cloud); }, &location) || is_last("locate"))
     return std::move(r);
 
   const FitRecipe fit_recipe;
-  if (!run.stage<Features>("fit", "fit", r.features, {to_bytes(fit_recipe), {{"job", job}, {"cloud", cloud}, {"location", location}}},
-                           [&] { return fit(fit_recipe, planned, *r.cloud, *r.location); }, &features) || is_last("fit"))
+  if (!run.stage<Features>("fit", "fit", r.features, {to_bytes(fit_recipe), {{"job", measured_job}, {"cloud", cloud}, {"location", location}}},
+                           [&] { return fit(fit_recipe, measured, *r.cloud, *r.location); }, &features) || is_last("fit"))
     return std::move(r);
 
   const BurrRecipe burr_recipe;
   if (!run.stage<Burrs>("burr", "burr", r.burrs,
-                        {to_bytes(burr_recipe), {{"job", job}, {"cloud", cloud}, {"location", location}, {"features", features}}},
-                        [&] { return measure_burrs(burr_recipe, planned, *r.cloud, *r.location, *r.features); }, &burrs) || is_last("burr"))
+                        {to_bytes(burr_recipe), {{"job", measured_job}, {"cloud", cloud}, {"location", location}, {"features", features}}},
+                        [&] { return measure_burrs(burr_recipe, measured, *r.cloud, *r.location, *r.features); }, &burrs) || is_last("burr"))
     return std::move(r);
 
   const PathRecipe path_recipe;

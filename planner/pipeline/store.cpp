@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <chrono>
 #include <fstream>
 
 #include "planner/base/archive.hpp"
@@ -69,6 +70,32 @@ void Store::keep_object(const std::string& artefact_hash, const std::string& byt
   std::error_code none;
   if (fs::exists(file) && fs::file_size(file, none) == bytes.size()) return;
   write_file_whole(file, bytes);
+}
+
+std::size_t Store::prune(const std::set<std::string>& keys, double days) {
+  const auto now = fs::file_time_type::clock::now();
+  const auto is_young = [&](const fs::directory_entry& e) { return now - e.last_write_time() < std::chrono::duration<double>(86400 * days); };
+  const auto files_of = [&](const char* kind) {
+    std::vector<fs::directory_entry> files;
+    std::error_code none;
+    for (fs::recursive_directory_iterator it(folder_ / kind, none), end; it != end; it.increment(none))
+      if (it->is_regular_file(none)) files.push_back(*it);
+    return files;
+  };
+  std::size_t count = 0;
+  std::error_code ignored;
+  std::set<std::string> artefacts;
+  for (const fs::directory_entry& e : files_of("keys")) {
+    const std::string key = e.path().filename().string();
+    if (!keys.contains(key) && !is_young(e)) {
+      count += fs::remove(e.path(), ignored);
+    } else if (const auto outcome = find(key)) {
+      artefacts.insert(outcome->artefact_hash);
+    }
+  }
+  for (const fs::directory_entry& e : files_of("objects"))
+    if (!artefacts.contains(e.path().filename().string()) && !is_young(e)) count += fs::remove(e.path(), ignored);
+  return count;
 }
 
 }  // namespace asbuilt

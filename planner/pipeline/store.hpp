@@ -5,6 +5,7 @@
 
 #include <filesystem>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -32,6 +33,8 @@ class Store {
   /// The bytes of an artefact, checked against their hash; none where they are missing or damaged.
   std::optional<std::string> load(const std::string& artefact_hash) const;
   void keep(const std::string& key, const Outcome& outcome);
+  /// Deletes what none of `keys` leads to, unless it is younger than `days`. Returns how many files went.
+  std::size_t prune(const std::set<std::string>& keys, double days);
   void keep_object(const std::string& artefact_hash, const std::string& bytes);
 
  private:

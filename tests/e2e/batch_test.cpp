@@ -117,6 +117,32 @@ TEST(Batch, bad_items_are_refused_and_the_good_one_is_the_same_bytes_always) {
   for (const auto& [path, bytes] : test::what_came_out(alone)) EXPECT_EQ(whole.at(path), bytes) << path;
 }
 
+TEST(Batch, a_changed_recipe_plans_again_and_measures_nothing_again) {
+  test::Folder folder;
+  Scenario scenario;
+  scenario.part = "ring", scenario.seed = 21, scenario.item_id = "good";
+  const auto made = simulate(scenario, folder.path / "virtual");
+  ASSERT_TRUE(made);
+  const fs::path out = folder.path / "out", recipe = made->artefact.parent_path() / "deburr-0.4.yaml";
+  ASSERT_EQ(run_program({"batch", made->artefact, "--out", out, "--quiet"}).status, 0);
+  const auto before = test::what_came_out(out);
+  std::string text = read_text(recipe);
+  const std::size_t at = text.find("approach:");
+  ASSERT_NE(at, std::string::npos);
+  text.replace(at, text.find('\n', at) - at, "approach: 17");
+  write_text(recipe, text);
+  ASSERT_EQ(run_program({"batch", made->artefact, "--out", out, "--quiet"}).status, 0);
+  EXPECT_NE(before, test::what_came_out(out));
+  const Json why = Json::parse(run_program({"why", "good", "--out", out, "--json"}).out, nullptr, false);
+  EXPECT_EQ(why.at("files").dump(), "[\"deburr-0.4.yaml: changed\"]");
+  for (const Json& stage : why.at("stages")) {
+    const std::string name = stage.at("stage");
+    const bool is_measuring = name == "fuse" || name == "locate" || name == "fit" || name == "burr";
+    if (is_measuring) EXPECT_EQ(stage.at("what"), "from store") << name;
+    if (name == "path" || name == "motion" || name == "post") EXPECT_EQ(stage.at("what"), "done") << name;
+  }
+}
+
 TEST(Batch, one_refused_language_means_no_program_at_all) {
   const SpoiledBatch spoiled;
   const fs::path cell = spoiled.batch.parent_path() / "cell.yaml";

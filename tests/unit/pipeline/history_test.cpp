@@ -44,5 +44,22 @@ TEST(History, says_which_input_changed_since_the_run_before) {
   EXPECT_FALSE(why_item(folder.path, "another"));
 }
 
+TEST(History, names_the_keys_of_the_latest_runs_of_each_item) {
+  const test::TemporaryFolder folder;
+  History history(folder.path / "history.sqlite");
+  for (const char* key : {"k1", "k2", "k3"}) {
+    StageEvent e = stage("fuse", StageEvent::What::done, {});
+    e.key = key;
+    history.add(line_with("a"), {e});
+  }
+  BatchLine other = line_with("a");
+  other.item_id = "ring-0002";
+  StageEvent e = stage("fuse", StageEvent::What::done, {});
+  e.key = "k4";
+  history.add(other, {e});
+  EXPECT_EQ(history.latest_keys(2), (std::set<std::string>{"k2", "k3", "k4"}));
+  EXPECT_EQ(history.latest_keys(1), (std::set<std::string>{"k3", "k4"}));
+}
+
 }  // namespace
 }  // namespace asbuilt

@@ -64,5 +64,18 @@ TEST(Store, a_key_whose_artefact_is_gone_is_none) {
   EXPECT_FALSE(store.find(kKey));
 }
 
+TEST(Store, pruning_keeps_what_the_keys_lead_to_and_what_is_young) {
+  const test::TemporaryFolder folder;
+  Store store(folder.path);
+  const std::string old_key(64, 'b'), one = "one", two = "two";
+  for (const auto& [key, bytes] : {std::pair{kKey, one}, {old_key, two}}) store.keep_object(sha256_hex(bytes), bytes), store.keep(key, {true, sha256_hex(bytes), {}, {}});
+  EXPECT_EQ(store.prune({kKey}, 1), 0u);
+  EXPECT_EQ(store.prune({kKey}, 0), 2u);
+  EXPECT_TRUE(store.find(kKey));
+  EXPECT_EQ(store.load(sha256_hex(one)), one);
+  EXPECT_FALSE(store.find(old_key));
+  EXPECT_FALSE(store.load(sha256_hex(two)));
+}
+
 }  // namespace
 }  // namespace asbuilt
