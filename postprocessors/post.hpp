@@ -3,8 +3,8 @@
 // back into a neutral program, `lint` checks the dialect's rules on the files. The reader shares nothing with the writer: the
 // writer's helpers are in writing.hpp, the readers' in reading.hpp, and no file includes both.
 //
-// Frames: the neutral program holds every pose in base. A dialect prints points in the frame of the last SetFrame, relative to
-// that frame *as printed*; what is read back therefore differs from the plan by rounding of the point alone: each coordinate in
+// Frames: the neutral program holds every pose in base. A dialect prints points in the frame of the last SetFrame (Beckhoff: turned
+// by right angles; INFORM: base, where the machine gives no user frame), relative to that frame *as printed*; what is read back therefore differs from the plan by rounding of the point alone: each coordinate in
 // the printed frame by at most half of position_step_mm (a distance by at most sqrt(3)/2 of it), each printed angle by half of
 // angle_step_rad.
 #pragma once

@@ -248,6 +248,11 @@ struct Linter {
     if (!is_cartesian) return;
     for (char c : std::string_view("ABC"))
       if (before.count(c) && now.count(c) && std::abs(now[c] - before[c]) > 180) f.add("B-06", line, std::string("a jump in ") + c);
+    if (before.empty() && context.cell.controller.orientation) {  // the controller's own angles may have the other sign near 180
+      const bool is_euler = *context.cell.controller.orientation == BeckhoffOrientation::euler;
+      if (std::abs(now['A']) > 170 || std::abs(now['C']) > 170 || (is_euler ? std::abs(now['B'] - 90) : std::abs(now['B'])) > 85)
+        f.add("B-06", line, "the first block after #CS ON is near the wrap of its angles: the tool might turn once about");
+    }
     if (motion > 1) arc(line, v, before);
   }
 

@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <vector>
 
 #include "planner/base/number.hpp"
 #include "postprocessors/beckhoff/beckhoff.hpp"
@@ -75,6 +76,30 @@ Angles nearest_words(const Mat3& R, BeckhoffOrientation mode, const std::optiona
   return best;
 }
 
+/// Whether the words of the first block of a section are far from where the convention wraps or has its pole. The controller
+/// starts from the angles of its own forward transformation: near 180 they might have the other sign, and the first block would
+/// turn the tool once about.
+bool is_far_from_wrap(const Angles& w, BeckhoffOrientation mode) {
+  const bool is_middle = mode == BeckhoffOrientation::euler ? std::abs(w[1] - 90) <= 65 : std::abs(w[1]) <= 65;
+  return is_middle && std::abs(w[0]) <= 120 && std::abs(w[2]) <= 120;
+}
+
+/// The 24 turns by right angles, those about x first: they keep the printed digits of a frame.
+std::vector<Eigen::Quaterniond> right_angle_turns() {
+  std::vector<Eigen::Quaterniond> out;
+  const auto add = [&](const Eigen::Quaterniond& q) {
+    for (const auto& known : out)
+      if (std::abs(known.dot(q)) > 0.99) return;
+    out.push_back(q);
+  };
+  const auto turn = [](int quarters, const Vec3& axis) { return Eigen::Quaterniond(Eigen::AngleAxisd(quarters * kPi / 2, axis)); };
+  for (int x : {0, 2, 1, 3}) add(turn(x, Vec3::UnitX()));
+  for (int z : {0, 1, 2, 3})
+    for (int y : {0, 1, 2, 3})
+      for (int x : {0, 1, 2, 3}) add(turn(z, Vec3::UnitZ()) * turn(y, Vec3::UnitY()) * turn(x, Vec3::UnitX()));
+  return out;
+}
+
 std::string comment_text(std::string_view text) {
   std::string out(text);
   for (char& c : out) {  // characters outside the controller's set
@@ -94,9 +119,9 @@ struct Writer {
   Lines out{"\r\n"};
   int block = 0;
   const ToolSpec* tool = nullptr;
-  Printed printed_frame;
-  bool has_frame = false;
-  Pose<frame::Base, frame::Work> T_base_work;
+  Pose<frame::Base, frame::Work> T_base_planned;  // of the last SetFrame
+  std::string defined;                            // the last #CS DEF
+  Pose<frame::Base, frame::Work> T_base_work;     // what it names: the planned frame, turned by right angles
   bool is_cartesian = false, is_contouring = false;
   std::optional<Angles> words;
   std::string contour;
@@ -123,19 +148,29 @@ struct Writer {
     is_cartesian = false;
     T_now.reset();
   }
-  std::string frame_text() const {
+  static std::string frame_text(const Printed& p) {
     std::string s;
-    for (double v : printed_frame.xyz_mm) s += fixed_number(v, kMm) + ",";
-    return s + fixed_number(printed_frame.abc_deg[2], kDeg) + "," + fixed_number(printed_frame.abc_deg[1], kDeg) + "," + fixed_number(printed_frame.abc_deg[0], kDeg);
+    for (double v : p.xyz_mm) s += fixed_number(v, kMm) + ",";
+    return s + fixed_number(p.abc_deg[2], kDeg) + "," + fixed_number(p.abc_deg[1], kDeg) + "," + fixed_number(p.abc_deg[0], kDeg);
   }
-  void to_cartesian() {
+  /// Opens a section of path moves: the frame, turned so that the first block's angles are far from their wrap.
+  void to_cartesian(const Pose<frame::Base, frame::Tool>& T_base_first) {
     if (is_cartesian) return;
+    static const std::vector<Eigen::Quaterniond> turns = right_angle_turns();
+    const auto printed_planned = frame_of(print_pose(T_base_planned.rotation(), T_base_planned.p_mm, kMm, kDeg));
+    Printed best;
+    for (const Eigen::Quaterniond& turn : turns) {
+      best = print_pose((printed_planned.q * turn).toRotationMatrix(), printed_planned.p_mm, kMm, kDeg);
+      T_base_work = frame_of(best);
+      if (is_far_from_wrap(nearest_words((T_base_work.inverse() * T_base_first).rotation(), orientation, std::nullopt), orientation)) break;
+    }
+    const std::string definition = "#CS DEF [1][" + frame_text(best) + "]";
+    if (definition != defined) add(defined = definition);
     add("#TRAFO ON");
     add("#CS ON [1]");
     is_cartesian = true;
     words.reset();
   }
-  void define_frame() { add("#CS DEF [1][" + frame_text() + "]"); }
 
   std::string contour_words(bool is_exact, double blend_mm) {
     const bool wanted = !is_exact && rounded(blend_mm, kMm) > 0;
@@ -175,14 +210,9 @@ struct Writer {
     add("T" + std::to_string(s.number) + " D" + std::to_string(s.number));
   }
   void operator()(const SetFrame& s) {
-    const Printed p = print_pose(s.T_base_work.rotation(), s.T_base_work.p_mm, kMm, kDeg);
-    const bool is_new = has_frame ? p.xyz_mm != printed_frame.xyz_mm || p.abc_deg != printed_frame.abc_deg : true;
-    if (!is_new) return;
+    if (s.T_base_work.p_mm == T_base_planned.p_mm && s.T_base_work.q.coeffs() == T_base_planned.q.coeffs()) return;
     to_joints();
-    printed_frame = p;
-    has_frame = true;
-    T_base_work = frame_of(p);
-    define_frame();
+    T_base_planned = s.T_base_work;
   }
 
   void operator()(const MoveJoint& m) {
@@ -193,12 +223,12 @@ struct Writer {
     add(s + " F" + fixed_number(m.speed_ratio * slowest_joint_deg_s * 60.0, 2));
   }
   void operator()(const MoveLinear& m) {
-    to_cartesian();
+    to_cartesian(m.T_base_tool);
     const std::string c = contour_words(m.is_exact, m.blend_mm);
     add(c + "G01" + words_text(target_of(m.T_base_tool)) + feed(m.speed_mm_s));
   }
   void operator()(const MoveCircular& m) {
-    to_cartesian();
+    to_cartesian(m.T_base_tool);
     const std::string where = name + ": instruction " + std::to_string(at + 1);
     if (!T_now) {
       faults.push_back(fault("post.arc", where, "an arc must follow a straight move"));

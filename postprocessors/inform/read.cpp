@@ -391,8 +391,8 @@ class Reader {
     }
     if (++arc_points_ == 1) {  // the start of an arc: the tool goes there straight, unless it is there already
       frame_of(line, p);
-      const bool is_there = last_ && last_->user == p.user && (last_->T_work_tool.p_mm - p.T_work_tool.p_mm).norm() < 0.0005 &&
-                            2 * (last_->T_work_tool.q.conjugate() * p.T_work_tool.q).vec().norm() < 1e-5;
+      const bool is_there = last_ && last_->user == p.user && last_->T_work_tool.p_mm == p.T_work_tool.p_mm &&
+                            last_->T_work_tool.q.coeffs() == p.T_work_tool.q.coeffs();
       if (!is_there) build_.linear(line, p.T_work_tool, speed, blend);
       arc_start_speed_ = is_there ? speed : 0;
       last_ = p;

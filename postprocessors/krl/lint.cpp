@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The lint rules K-01 to K-16 of KRL, on the text alone and without the reader's grammar; G-.. rules through the reader.
 #include <cmath>
+#include <cstdlib>
+#include <map>
 #include <optional>
 #include <set>
 
@@ -36,6 +38,8 @@ struct Linter {
   int pending = 0;                            // triggers waiting for a motion
   std::optional<std::array<double, 3>> p_now;
   int with_external = 0, without_external = 0;
+  std::map<int, std::set<std::string>> checked;  // components of TOOL_DATA[n] that the program waits for
+  std::set<int> expected;                        // tools with their pose in the .dat
 
   void name_rules(const Line& line, const std::string& name, const std::string& file) {
     if (name != stem_of(file)) f.add("K-01", line, "the name " + name + " is not the file's");
@@ -46,6 +50,7 @@ struct Linter {
   void source(const ProgramFile& file, bool is_main) {
     int defs = 0, depth = 0, body_lines = 0;
     std::vector<std::string> folds;
+    int access = 0, release = 0;
     bool has_code = false, has_access = false, has_statement = false, has_init = false;
     std::vector<std::string> open_blocks;
     for (const Line& line : raw_lines(file)) {
@@ -63,6 +68,7 @@ struct Linter {
       if (t.empty()) continue;
       if (t[0].is("&")) {
         if (has_code) f.add("K-02", line, "a line with & below the top");
+        access += t.size() > 1 && t[1].is("ACCESS"), release += t.size() > 1 && t[1].is("REL");
         static const std::set<std::string> rights = {"R", "RV", "RVP", "RVO", "RVO1", "RO", "RVP1", "RVO2"};
         has_access |= t.size() == 3 && t[1].is("ACCESS") && rights.count(t[2].text);
         if (t.size() < 2 || !(t[1].is("ACCESS") || t[1].is("COMMENT") || t[1].is("PARAM") || (t[1].is("REL") && t.size() == 3 && t[2].kind == Token::Kind::number)))
@@ -99,7 +105,7 @@ struct Linter {
       statement(line, t);
     }
     const std::string where = file.name;
-    if (!has_access) f.add("K-02", where, "&ACCESS is missing");
+    if (!has_access || access != 1 || release != 1) f.add("K-02", where, "&ACCESS and &REL stand once each");
     if (depth != 0 || defs == 0) f.add("K-02", where, "DEF and END do not match");
     if (!folds.empty()) f.add("K-02", where, "FOLD and ENDFOLD do not match");
     if (is_main && !has_init) f.add("K-04", where, "BAS (#INITMOV,0) is missing");
@@ -160,6 +166,7 @@ struct Linter {
       range(line, "K-08", "$APO.CPTP", number_after(t, "CPTP"), 1, 100);
       range(line, "K-08", "$APO.CVEL", number_after(t, "CVEL"), 1, 100);
     }
+    if (t[0].is("WAIT") && has(t, "TOOL_DATA")) tool_check(line, t);
     if (t[0].is("TRIGGER")) trigger(line, t);
     if (t[0].is("INTERRUPT") || (t[0].is("GLOBAL") && has(t, "INTERRUPT"))) interrupt(line, t);
     if (t[0].is("WAIT") || t[0].is("HALT") || t[0].is("$OUT") || t[0].is("$ANOUT") || t[0].is("PULSE") || has(t, "$IN"))
@@ -170,6 +177,39 @@ struct Linter {
       for (const char* word : {"SPTP", "SLIN", "SCIRC", "SPL", "SPLINE", "PTP_SPLINE", "C_SPL", "ONSTART"})
         if (has(t, word)) f.add("K-15", line, std::string(word) + " is unknown to KRC2");
     }
+  }
+
+  /// WAIT FOR ABS(TOOL_DATA[n].X-EXPECTED_TOOL_n.X)<0.010: the same component on both sides, a limit that is one.
+  void tool_check(const Line& line, const std::vector<Token>& t) {
+    const std::size_t minus = find(t, "-"), less = find(t, "<");
+    const auto n = number_after(t, "TOOL_DATA");
+    if (!n || minus == std::string::npos || less == std::string::npos || less + 2 != t.size() || minus < 2 || less < minus + 5)
+      return f.add("K-06", line, "no check of a tool");
+    const std::string left = t[minus - 1].text, right = t[less - 2].text;
+    if (left != right || t[minus + 1].text != "EXPECTED_TOOL_" + std::to_string(static_cast<int>(*n))) f.add("K-06", line, "the two sides of the check do not belong together");
+    if (!(t[less + 1].value > 0) || t[less + 1].value > 0.0101) f.add("K-06", line, "the check lets more than 0.01 pass");
+    checked[static_cast<int>(*n)].insert(left);
+  }
+  /// DECL FRAME EXPECTED_TOOL_n={..} in the .dat: the cell's tool to the last digit.
+  void expected_tool(const Line& line, const std::vector<Token>& t) {
+    if (t.size() < 3 || !t[2].text.starts_with("EXPECTED_TOOL_")) return;
+    const int n = std::atoi(t[2].text.c_str() + 14);
+    expected.insert(n);
+    for (const ToolSpec& tool : context.cell.tools) {
+      if (tool.number != n) continue;
+      for (int i = 0; i < 3; ++i) {
+        const auto v = component(t, std::string_view("XYZ").substr(static_cast<std::size_t>(i), 1));
+        if (!v || std::abs(*v - tool.T_flange_tool.p_mm[i]) > 0.00051) f.add("K-06", line, "the expected tool is not the cell's");
+      }
+      const auto a = component(t, "A"), b = component(t, "B"), c = component(t, "C");
+      if (!a || !b || !c ||
+          quat_log(tool.T_flange_tool.q.conjugate() * quat_from_zyx(rad_from_deg(*a), rad_from_deg(*b), rad_from_deg(*c))).norm() > rad_from_deg(8.7e-5))
+        f.add("K-06", line, "the expected tool is not the cell's");
+    }
+  }
+  void tools_are_checked(const std::string& where) {
+    for (int n : expected)
+      if (checked[n].size() != 6) f.add("K-06", where, "tool " + std::to_string(n) + " is not checked in all six components");
   }
 
   void trigger(const Line& line, const std::vector<Token>& t) {
@@ -277,9 +317,11 @@ std::vector<Check> lint(const ProgramText& text, const PostContext& context) {
       for (const Line& line : raw_lines(file)) {
         const auto t = tokens_of(code_of(line.text));
         if (t.size() > 1 && t[0].is("DEFDAT")) l.name_rules(line, t[1].text, file.name);
+        l.expected_tool(line, t);
       }
     }
   }
+  if (!text.files.empty()) l.tools_are_checked(text.files.front().name);
   for (const ProgramFile& file : text.files) {
     if (!upper_of(file.name).ends_with(".SRC")) continue;
     for (const Line& line : raw_lines(file)) {

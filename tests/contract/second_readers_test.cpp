@@ -134,25 +134,30 @@ TEST(PostSecondOpinion, an_iso_interpreter_makes_the_same_motions) {
       if (call == "STRAIGHT_FEED" || call == "ARC_FEED") v.push_back(feed), v.push_back(is_turning ? spin : 0), calls.push_back({call, v});
     }
     Pose<frame::Base, frame::Work> T_base_work;
-    std::size_t k = 0, at = 0;
-    Vec3 before = Vec3::Zero();
-    double rpm = 0;
-    for (const Instruction& i : p.instructions) {
-      if (const auto* s = std::get_if<SpindleOn>(&i)) rpm = s->rpm;
-      if (std::holds_alternative<SpindleOff>(i)) rpm = 0;
-      if (std::holds_alternative<SetFrame>(i)) {
-        const std::string head = "#CS DEF [1][";  // the frame as it stands in the text
-        at = text->files[0].bytes.find(head, at) + head.size();
-        std::istringstream numbers(text->files[0].bytes.substr(at, 120));
+    std::vector<Pose<frame::Base, frame::Work>> frames;  // as they stand in the text, one a motion
+    std::istringstream again(text->files[0].bytes);
+    for (std::string line; std::getline(again, line);) {
+      const std::string head = "#CS DEF [1][";
+      if (const std::size_t at = line.find(head); at != std::string::npos) {
+        std::istringstream numbers(line.substr(at + head.size()));
         std::array<double, 6> v{};
         char comma = 0;
         for (double& x : v) numbers >> x >> comma;
         T_base_work = {quat_from_zyx(rad_from_deg(v[5]), rad_from_deg(v[4]), rad_from_deg(v[3])), Vec3(v[0], v[1], v[2])};
       }
+      if (line.find(" X") != std::string::npos && line.find("G04") == std::string::npos) frames.push_back(T_base_work);
+    }
+    std::size_t k = 0;
+    Vec3 before = Vec3::Zero();
+    double rpm = 0;
+    for (const Instruction& i : p.instructions) {
+      if (const auto* s = std::get_if<SpindleOn>(&i)) rpm = s->rpm;
+      if (std::holds_alternative<SpindleOff>(i)) rpm = 0;
       const auto* line = std::get_if<MoveLinear>(&i);
       const auto* arc = std::get_if<MoveCircular>(&i);
       if (!line && !arc && !std::holds_alternative<MoveJoint>(i)) continue;
       ASSERT_LT(k, calls.size()) << "seed " << seed;
+      T_base_work = frames.at(k);
       const auto& [call, v] = calls[k++];
       ++motions;
       if (!line && !arc) continue;
