@@ -11,6 +11,7 @@ namespace asbuilt {
 
 namespace {
 constexpr double kRootWidthMm = 0.2;       // thickness where none was measured
+constexpr double kThicknessQuantile = 0.85;
 constexpr double kThinMm = 0.1;            // below this height a cross-section says little
 constexpr std::size_t kRatiosLeastCount = 20, kAroundCount = 2;  // stations for a thickness; neighbours to either side
 constexpr double kLeanLow = 0.7, kLeanHigh = 1.42;  // extent along the chamfer's normal per ISO height: fin along a face, along the bisector
@@ -28,7 +29,7 @@ double burr_thickness_mm(const std::vector<const EdgeBurr*>& burrs) {
       if (std::isfinite(h) && std::isfinite(a) && h > kThinMm && a > 0) ratios.push_back(a / h);
     }
   if (ratios.size() < kRatiosLeastCount) return kRootWidthMm;
-  const auto k = static_cast<std::ptrdiff_t>(0.9 * static_cast<double>(ratios.size() - 1));
+  const auto k = static_cast<std::ptrdiff_t>(kThicknessQuantile * static_cast<double>(ratios.size() - 1));
   std::nth_element(ratios.begin(), ratios.begin() + k, ratios.end());
   return ratios[static_cast<std::size_t>(k)];
 }

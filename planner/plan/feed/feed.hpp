@@ -14,7 +14,7 @@ namespace asbuilt {
 struct BurrBound {
   double height_mm = 0, area_mm2 = 0;
 };
-/// Cross-section per height of the burrs of one feature, mm: what nine of ten measured stations stay under. A single station's
+/// Cross-section per height of the burrs of one recipe, mm: what 85 of 100 measured stations stay under. A single station's
 /// thickness is poorly measured, its height well: so the feed follows the height, and the thickness is that of the kind of burr.
 double burr_thickness_mm(const std::vector<const EdgeBurr*>& burrs);
 /// Parallel to the burr's stations: upper bound of the height, times the thickness or what was measured around the station if that is more.

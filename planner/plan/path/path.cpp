@@ -243,8 +243,10 @@ class Planner {
     w.contact_ratio = recipe_.contact_height_ratio;
     for (int k = 0; k < static_cast<int>(features_.edges.size()); ++k)
       if (edge(k).feature == f.id) w.edges.push_back(k);
-    std::vector<const EdgeBurr*> burrs;
-    for (int k : w.edges) burrs.push_back(&burr(k));
+    std::vector<const EdgeBurr*> burrs;  // one recipe, one kind of burr
+    for (const FeatureSpec& other : job_.part.features)
+      for (std::size_t k = 0; other.recipe == f.recipe && k < features_.edges.size(); ++k)
+        if (features_.edges[k].feature == other.id) burrs.push_back(&burrs_.edges[k]);
     w.burr_thickness_mm = burr_thickness_mm(burrs);
     for (int k : w.edges) prepare_edge(w, k);
     return refusals_.size() == before && !w.edges.empty();

@@ -34,7 +34,7 @@ TEST(Feed, thickness_is_that_of_the_kind_of_burr_and_a_thick_one_still_counts) {
     b.area_mm2.push_back(h * 0.1 * std::exp(0.4 * random.normal())), b.coverage_ratio.push_back(1);
   }
   const double thickness = burr_thickness_mm({&b});
-  EXPECT_NEAR(thickness, 0.1 * std::exp(0.4 * 1.2816), 0.02);
+  EXPECT_NEAR(thickness, 0.1 * std::exp(0.4 * 1.0364), 0.02);
   for (int i = 200; i < 240; ++i) b.area_mm2[static_cast<std::size_t>(i)] = 0.5;
   const auto bounds = burr_bounds(b, 1.5, thickness);
   EXPECT_NEAR(bounds[100].area_mm2, bounds[100].height_mm * thickness, 1e-9);
