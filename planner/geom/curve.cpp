@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 
 #include "planner/geom/bspline.hpp"
 
@@ -126,6 +127,7 @@ double global_foot(const Curve& c, const CurveDomain& d, const Vec3& p) {
 
 std::string_view curve_type(const Curve& c) {
   constexpr std::string_view names[] = {"line", "circle", "ellipse", "hyperbola", "parabola", "bspline", "polyline"};
+  static_assert(std::size(names) == std::variant_size_v<decltype(c.shape)>, "a name for every kind of curve");
   return names[c.shape.index()];
 }
 

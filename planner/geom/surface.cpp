@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 
 #include "planner/geom/bspline.hpp"
 
@@ -170,7 +171,14 @@ struct JetOf {
 std::string_view surface_type(const Surface& s) {
   constexpr std::string_view names[] = {"plane",   "cylinder",   "cone",      "sphere", "torus",
                                         "bspline", "revolution", "extrusion", "offset", "facets"};
+  static_assert(std::size(names) == std::variant_size_v<decltype(s.shape)>, "a name for every kind of surface");
   return names[s.shape.index()];
+}
+
+bool has_closed_form_foot(const Surface& s) {
+  return std::holds_alternative<PlaneSurface>(s.shape) || std::holds_alternative<CylinderSurface>(s.shape) ||
+         std::holds_alternative<ConeSurface>(s.shape) || std::holds_alternative<SphereSurface>(s.shape) ||
+         std::holds_alternative<TorusSurface>(s.shape);
 }
 
 SurfaceJet evaluate_jet(const Surface& s, double u, double v, int order) { return std::visit(JetOf{u, v, order}, s.shape); }

@@ -114,6 +114,9 @@ struct Surface {
 /// "plane", "cylinder", "cone", "sphere", "torus", "bspline", "revolution", "extrusion", "offset", "facets".
 std::string_view surface_type(const Surface& s);
 
+/// True where project() needs no search: a seed can then only choose the turn, never lead astray.
+bool has_closed_form_foot(const Surface& s);
+
 struct SurfacePoint {
   Vec3 p = Vec3::Zero(), du = Vec3::Zero(), dv = Vec3::Zero();
   Vec3 n = Vec3::UnitZ();  // unit natural normal du x dv; at a pole the limit

@@ -172,7 +172,7 @@ class Lifter {
   Vec2 raw(const Vec3& p, const std::optional<Vec2>& seed) {
     SurfaceFoot f = project(s_, d_, p, seed);
     double off = std::abs((f.p - p).norm());
-    if (seed && off > 1e-3 && s_.shape.index() >= 5) {
+    if (seed && off > 1e-3 && !has_closed_form_foot(s_)) {
       const SurfaceFoot g = project(s_, d_, p);
       if ((g.p - p).norm() < 0.5 * off) f = g, off = (g.p - p).norm();
     }

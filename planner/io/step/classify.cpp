@@ -23,7 +23,7 @@ void normals_along(const Body& body, int face, const std::vector<Vec3>& p, std::
   std::optional<Vec2> seed;
   for (std::size_t i = 0; i < p.size(); ++i) {
     SurfaceFoot g = project(s, d, p[i], seed);
-    if (seed && s.shape.index() >= 5 && (g.p - p[i]).norm() > 1e-3) {
+    if (seed && !has_closed_form_foot(s) && (g.p - p[i]).norm() > 1e-3) {
       const SurfaceFoot h = project(s, d, p[i]);
       if ((h.p - p[i]).norm() < (g.p - p[i]).norm()) g = h;
     }
