@@ -66,7 +66,7 @@ std::vector<Cell> associate(const Association& how, const MeasuredCloud& cloud, 
                 const double d = face_distance(face, p, n);
                 if (std::abs(d) > how.gate_mm) continue;
                 if (has_normal && n_measured.dot(n) * face.outward() < 0.87) continue;
-                signed_distance(other.surface, foot.p, n_other);
+                surface_distance(other, foot.p, n_other);
                 Vec3 into = n.cross(tangent);
                 const double side = into.dot(n_other) * other.outward();
                 if ((side > 0) == edge.is_convex) into = -into;

@@ -54,7 +54,7 @@ Bundle solve_bundle(const BundleOptions& options, const std::vector<Cell>& cells
       const CaptureModel& capture = captures[c.capture];
       Row& row = rows[i];
       const Vec3 p = T_part_base.point(capture.correction.point(c.p_base));
-      const double d = signed_distance(face.surface, p, row.n);
+      const double d = surface_distance(face, p, row.n);
       row.q = p - d * row.n;
       row.face = -height_gradient(face, row.q, row.n);
       row.residual = d + row.face.tail(face.field.size()).dot(face.coefficients);
@@ -108,7 +108,7 @@ Bundle solve_bundle(const BundleOptions& options, const std::vector<Cell>& cells
       const int a = out.offset[f], modes = modes_count(face.surface);
       for (const Vec3& q : face.prior_points) {  // displacement of the patch, not parameters
         Vec3 n;
-        const double d = signed_distance(face.surface, q, n);  // height of the surface over q is -d
+        const double d = surface_distance(face, q, n);  // height of the surface over q is -d
         const Eigen::VectorXd row = mode_heights(face.surface, q - d * n, n, face.center).head(modes);
         const double w = 1 / (options.form_sd_mm * options.form_sd_mm);
         h.block(a, a, modes, modes) += w * row * row.transpose();

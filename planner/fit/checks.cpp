@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <map>
 #include <tuple>
 
@@ -101,30 +102,39 @@ Refusals check_traced(const FitRecipe& recipe, const Setup& setup, const std::ve
   return out;
 }
 
-Disagreement worst_disagreement(const Setup& setup, const MeasuredCloud& cloud, const std::vector<Cell>& cells, const Bundle& bundle) {
-  std::map<std::pair<int, int>, std::array<double, 3>> sums;  // (slot, capture): weight, sum, cells
+Disagreement worst_disagreement(const Setup& setup, const MeasuredCloud& cloud, const Location& location, const std::vector<Cell>& cells,
+                                const Bundle& bundle) {
+  // By face and 4 mm cube: each capture's residual there. Only what two captures saw of the same place is compared, so that a
+  // face's form is no disagreement. Not the robust weight: what is thrown out for disagreeing is what is asked for here.
+  constexpr double kCube_mm = 4;
+  std::map<std::array<std::int64_t, 4>, std::map<int, std::pair<double, double>>> cubes;
+  const auto T_part_base = location.T_base_part.inverse();
   for (std::size_t i = 0; i < cells.size(); ++i) {
     const Cell& c = cells[i];
     if (!setup.is_fine[c.capture]) continue;
-    // Not the robust weight: what is thrown out for disagreeing is what is asked for here.
-    auto& a = sums[{c.slot, c.capture}];
-    const double w = std::min(1.0, 0.3 / std::max(1e-9, std::abs(bundle.residual_mm[i])));
-    a[0] += w, a[1] += w * bundle.residual_mm[i], a[2] += 1;
+    const Eigen::Array3d p = (T_part_base.point(setup.captures[c.capture].correction.point(c.p_base)) / kCube_mm).array().floor();
+    auto& a = cubes[{c.slot, static_cast<std::int64_t>(p.x()), static_cast<std::int64_t>(p.y()), static_cast<std::int64_t>(p.z())}][c.capture];
+    a.first += bundle.residual_mm[i], a.second += 1;
   }
+  std::map<std::array<int, 3>, std::vector<double>> differences;  // (slot, capture, capture)
+  for (const auto& [place, by_capture] : cubes)
+    for (auto a = by_capture.begin(); a != by_capture.end(); ++a)
+      for (auto b = std::next(a); b != by_capture.end(); ++b)
+        differences[{static_cast<int>(place[0]), a->first, b->first}].push_back(a->second.first / a->second.second - b->second.first / b->second.second);
   Disagreement out;
-  for (auto a = sums.begin(); a != sums.end(); ++a)
-    for (auto b = std::next(a); b != sums.end() && b->first.first == a->first.first; ++b) {
-      if (a->second[2] < 6 || b->second[2] < 6) continue;
-      const double d = std::abs(a->second[1] / a->second[0] - b->second[1] / b->second[0]);
-      if (d > out.distance_mm) out.distance_mm = d, out.slot = a->first.first, out.capture_a = a->first.second, out.capture_b = b->first.second;
-    }
+  for (auto& [key, d] : differences) {
+    if (d.size() < 6) continue;
+    std::nth_element(d.begin(), d.begin() + static_cast<std::ptrdiff_t>(d.size() / 2), d.end());
+    const double middle = std::abs(d[d.size() / 2]);
+    if (middle > out.distance_mm) out.distance_mm = middle, out.slot = key[0], out.capture_a = key[1], out.capture_b = key[2];
+  }
   for (std::size_t k = 0; k < cloud.captures.size(); ++k)
     if (setup.is_fine[k]) out.noise_mm = std::max(out.noise_mm, cloud.captures[k].noise_mm);
   return out;
 }
 
 Refusals check_captures(const Solved& s) {
-  const Disagreement found = worst_disagreement(s.setup, s.cloud, s.cells, s.bundle);
+  const Disagreement found = worst_disagreement(s.setup, s.cloud, s.location, s.cells, s.bundle);
   const double worst = found.distance_mm, limit = 0.08 + 3 * found.noise_mm;
   const int capture_a = found.capture_a, capture_b = found.capture_b, slot = found.slot;
   if (worst <= limit) return {};

@@ -101,7 +101,7 @@ Traced trace_edge(const EdgeModel& edge, const std::vector<FaceModel>& faces, co
       if (out.bad_station < 0) {
         out.bad_station = k;
         Vec3 n_1, n_2;
-        signed_distance(face_1.surface, seed, n_1), signed_distance(face_2.surface, seed, n_2);
+        surface_distance(face_1, seed, n_1), surface_distance(face_2, seed, n_2);
         out.bad_angle_rad = std::atan2(n_1.cross(n_2).norm(), n_1.dot(n_2) * face_1.outward() * face_2.outward());
       }
       x = seed;
@@ -122,7 +122,7 @@ Mat3 edge_covariance(const Bundle& bundle, const std::vector<FaceModel>& faces, 
   for (const int slot : {edge.slot_1, edge.slot_2}) {
     const FaceModel& face = faces[slot];
     Vec3 n;
-    const double d = signed_distance(face.surface, x, n);
+    const double d = surface_distance(face, x, n);
     const Vec3 q = x - d * n;
     const Eigen::VectorXd row = height_gradient(face, q, n);
     g.block(bundle.offset[slot], column, row.size(), 1) = row;

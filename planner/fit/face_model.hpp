@@ -4,6 +4,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <memory>
 #include <vector>
 
 #include "planner/fit/surface_model.hpp"
@@ -17,12 +18,25 @@ struct OffsetField {
   int size() const { return static_cast<int>(inducing.size()); }
 };
 
+/// Where on a free-form surface to start looking for a foot: found once per 4 mm cell, on the drawing's surface, so that the
+/// answer does not depend on who asks first. May be used from several threads.
+class FootSeeds {
+ public:
+  explicit FootSeeds(Surface nominal);
+  Vec2 at(const Vec3& p) const;
+
+ private:
+  struct Impl;
+  std::shared_ptr<Impl> impl_;
+};
+
 struct FaceModel {
   int face = -1;                               // index into Brep::faces
   Surface nominal, surface;                    // in part; the second without the field
   bool same_sense = true;
   Vec3 center = Vec3::Zero();                  // of the patch; rotations turn about it
   std::vector<Vec3> prior_points;              // nominal points whose displacement the prior bounds
+  std::shared_ptr<const FootSeeds> seeds;      // none where feet have a closed form
   OffsetField field;
   Eigen::VectorXd coefficients;                // of the field, standard normal a priori
   double rms_mm = 0;                           // robust, of single points
@@ -39,6 +53,8 @@ Eigen::VectorXd field_basis(const OffsetField& field, const Vec3& q);
 /// Prior variance at q that the inducing points do not explain.
 double field_rest_variance(const OffsetField& field, const Eigen::VectorXd& basis);
 
+/// Signed distance from the moved surface, without the field.
+double surface_distance(const FaceModel& face, const Vec3& p, Vec3& n);
 /// Signed distance from the face with its field, along the natural normal; n: natural normal of the moved surface at the foot.
 double face_distance(const FaceModel& face, const Vec3& p, Vec3& n);
 /// The natural normal including the slope of the field.

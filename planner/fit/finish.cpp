@@ -37,7 +37,7 @@ SurfaceFit describe(const FaceModel& face, const Brep& brep) {
   out.fitted = readable_parameters(face.surface);
   // What a person compares is the patch, not the axis: its shift along the normal and its tilt.
   Vec3 n, n_nominal;
-  const double d = -signed_distance(face.surface, face.center, n);
+  const double d = -surface_distance(face, face.center, n);
   signed_distance(face.nominal, face.center, n_nominal);
   out.fitted["shift"] = d * face.outward();
   out.fitted["tilt"] = deg_from_rad(std::atan2(n.cross(n_nominal).norm(), n.dot(n_nominal)));

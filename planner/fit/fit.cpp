@@ -97,7 +97,7 @@ void choose_fields(Setup& setup, const std::vector<Cell>& cells, const Bundle& b
       if (cells[i].slot != static_cast<int>(f)) continue;
       const Vec3 p = T_part_base.point(setup.captures[cells[i].capture].correction.point(cells[i].p_base));
       Vec3 n;
-      const double d = signed_distance(face.surface, p, n);
+      const double d = surface_distance(face, p, n);
       feet.push_back(p - d * n);
       index.push_back(i);
     }
@@ -112,7 +112,7 @@ void choose_fields(Setup& setup, const std::vector<Cell>& cells, const Bundle& b
       sd(static_cast<Eigen::Index>(k)) = std::hypot(cells[index[i]].sd_mm, 0.005);
     }
     const FieldChoice choice = choose_field(face, q, heights, sd);
-    face.field = make_field(feet, choice.amplitude_mm, choice.length_mm, 40);
+    face.field = make_field(feet, choice.amplitude_mm, choice.length_mm, 60);
     face.coefficients = Eigen::VectorXd::Zero(face.field.size());
   }
 }
@@ -173,7 +173,7 @@ Result<Done<Features>> fit(const FitRecipe& recipe, const Job& job, const Measur
   choose_fields(setup, cells, bundle, T);
   bundle = solve_bundle({}, cells, T, setup.faces, setup.captures);
   // The location saw the whole part and the robot's error; its corrections are touched only where captures visibly disagree.
-  const Disagreement left = worst_disagreement(setup, cloud, cells, bundle);
+  const Disagreement left = worst_disagreement(setup, cloud, location, cells, bundle);
   if (left.distance_mm > 0.035 + 2 * left.noise_mm) {
     setup.captures = free_captures;
     bundle = solve_bundle({}, cells, T, setup.faces, setup.captures);

@@ -31,6 +31,29 @@ void add_prior_points(const EdgeModel& edge, FaceModel& face, const FaceModel& o
   }
 }
 
+/// A flat patch of triangles (a part given as a mesh) is a plane.
+Surface plane_if_flat(const Surface& surface) {
+  const auto* facets = std::get_if<FacetSurface>(&surface.shape);
+  if (!facets || !facets->patch || facets->patch->triangles.empty()) return surface;
+  const Mesh& mesh = *facets->patch;
+  Vec3 n = Vec3::Zero(), center = Vec3::Zero();
+  double area = 0;
+  for (const auto& t : mesh.triangles) {
+    const Vec3 &a = mesh.vertices[t[0]], &b = mesh.vertices[t[1]], &c = mesh.vertices[t[2]];
+    const Vec3 twice = (b - a).cross(c - a);
+    n += twice, center += twice.norm() * (a + b + c) / 3, area += twice.norm();
+  }
+  if (area <= 0 || n.norm() < 0.999 * area) return surface;
+  n.normalize(), center /= area;
+  for (const auto& t : mesh.triangles)
+    for (const int v : t)
+      if (std::abs(n.dot(mesh.vertices[v] - center)) > 0.002) return surface;
+  const Mat3 m = quat_from_z(n, Vec3::UnitX()).toRotationMatrix();
+  Surface plane;
+  plane.shape = PlaneSurface{{center, m.col(0), m.col(1), m.col(2)}};
+  return plane;
+}
+
 Mat6 square_root(const Mat6& covariance) {
   // Scaled first: mm and rad differ by orders of magnitude.
   Vec6 scale;
@@ -55,7 +78,15 @@ Result<Setup> prepare(const FitRecipe& recipe, const Job& job, const MeasuredClo
     if (is_new) {
       FaceModel f;
       f.face = face;
-      f.nominal = f.surface = brep.faces[face].surface;
+      f.nominal = f.surface = plane_if_flat(brep.faces[face].surface);
+      const bool has_closed_form = std::visit(
+          [](const auto& shape) {
+            using S = std::decay_t<decltype(shape)>;
+            return !std::is_same_v<S, BSplineSurface> && !std::is_same_v<S, RevolutionSurface> && !std::is_same_v<S, ExtrusionSurface> &&
+                   !std::is_same_v<S, OffsetSurface>;
+          },
+          f.nominal.shape);
+      if (!has_closed_form) f.seeds = std::make_shared<FootSeeds>(f.nominal);
       f.same_sense = brep.faces[face].same_sense;
       out.faces.push_back(std::move(f));
     }

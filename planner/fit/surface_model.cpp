@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "planner/fit/surface_model.hpp"
 
+#include "planner/geom/mesh_query.hpp"
+
 #include <algorithm>
 #include <cmath>
 
@@ -69,6 +71,7 @@ void move_rigidly(Surface& surface, const Motion& m) {
             auto patch = std::make_shared<Mesh>(*s.patch);
             for (Vec3& v : patch->vertices) v = m.point(v);
             s.patch = patch;
+            if (s.query) s.query = std::make_shared<MeshQuery>(*patch);
           }
         } else {
           m.apply(s.at);
