@@ -359,6 +359,18 @@ class Reader {
     s.expect_integer("a joint motion that is rounded (PL above 0) cannot be held; PL", 0, 0);
   }
 
+  /// What PL=n rounds at most, mm: a parameter of the controller, so it is the cell's to say.
+  double zone(const Line& line, int level) const {
+    if (level == 0) return 0;
+    const auto it = context_.cell.controller.options.find("inform.position_levels");
+    if (it == context_.cell.controller.options.end())
+      fail(line, "read.undefined", "the zone of PL=" + std::to_string(level) + " is a parameter; give controller.inform.position_levels in cell.yaml", level);
+    Scanner s(line, it->second);
+    double mm = 0;
+    for (int i = 0; i < level; ++i) mm = s.expect_number("a zone of controller.inform.position_levels");
+    return mm;
+  }
+
   void frame_of(const Line& line, const Position& p) {
     build_.set_tool(line, p.tool);
     build_.set_frame(line, p.user < 0 ? Pose<frame::Base, frame::Work>() : user_frames_.at(p.user));
@@ -377,7 +389,8 @@ class Reader {
       blend = s.expect_number("the corner radius");
       if (blend < 0.1 || blend > 6553.5) fail(line, "read.range", "CR is not between 0.1 and 6553.5 mm", blend, 6553.5, "mm");
     } else {
-      exact(s);
+      s.expect("PL"), s.expect("=");
+      blend = zone(line, s.expect_integer("PL", 0, 8));
     }
     const bool is_arc_end = s.accept("FPT");
     if (is_arc_end && (!is_arc || arc_points_ % 2 == 1)) fail(line, "read.unknown", "FPT belongs to the end of an arc");

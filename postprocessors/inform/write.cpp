@@ -4,6 +4,8 @@
 // with 3 and degrees with 4 decimals in BASE or USER.
 #include <algorithm>
 #include <cmath>
+#include <locale>
+#include <sstream>
 
 #include "planner/base/number.hpp"
 #include "postprocessors/inform/inform.hpp"
@@ -23,6 +25,7 @@ struct Machine {
   double mm_s_per_unit = 1;  // of V=
   int user_frame = 0;        // 0: BASE
   FlipRule flip = FlipRule::r_axis;
+  std::vector<double> level_mm;  // inform.position_levels: what PL=1, 2, .. round at most; empty: CR= is used
 };
 
 std::string padded(int number, int width) {
@@ -111,8 +114,11 @@ struct Writer {
   }
   std::string path_words(double speed_mm_s, bool is_exact, double blend_mm) const {
     std::string s = " V=" + fixed_number(speed_mm_s / machine.mm_s_per_unit, 1);
-    if (!is_exact && rounded(blend_mm, 1) > 0) return s + " CR=" + fixed_number(blend_mm, 1);
-    return s + " PL=0";
+    if (!is_exact && machine.level_mm.empty() && rounded(blend_mm, 1) > 0) return s + " CR=" + fixed_number(blend_mm, 1);
+    int level = 0;  // the largest zone within the distance planned
+    for (std::size_t i = 0; !is_exact && i < machine.level_mm.size(); ++i)
+      if (machine.level_mm[i] <= blend_mm + 1e-9) level = static_cast<int>(i) + 1;
+    return s + " PL=" + std::to_string(level);
   }
 
   void operator()(const SetTool& s) { tool = find_tool(context, s.number); }
@@ -265,6 +271,15 @@ Result<ProgramText> write(const Program& program, const PostContext& context) {
     if (*rule == "b_axis") machine.flip = FlipRule::b_axis;
     else if (*rule != "r_axis")
       faults.push_back(fault("post.option", "cell.yaml: controller.inform.flip", "\"" + *rule + "\" is neither r_axis nor b_axis"));
+  }
+  if (const auto levels = option(context, "inform.position_levels")) {
+    std::istringstream in(*levels);
+    in.imbue(std::locale::classic());
+    for (double v; in >> v;) machine.level_mm.push_back(v);
+    const bool is_rising = std::is_sorted(machine.level_mm.begin(), machine.level_mm.end());
+    if (machine.level_mm.empty() || machine.level_mm.size() > 8 || !is_rising || machine.level_mm.front() <= 0 || !in.eof())
+      faults.push_back(fault("post.option", "cell.yaml: controller.inform.position_levels",
+                             "\"" + *levels + "\" are not 1 to 8 rising lengths in mm, for PL=1, 2, ..", static_cast<double>(machine.level_mm.size()), 8));
   }
   const auto date = date_text(context.date);
   if (!date) faults.push_back(fault("post.date", "scans.yaml: taken", "\"" + context.date + "\" is no date like 2026-11-22"));

@@ -47,11 +47,31 @@ struct Linter {
     if (kKeywords.count(name) || name.find('$') != std::string::npos) f.add("K-01", line, name + " is no free name");
   }
 
+  void head_line(const Line& line, const std::vector<Token>& t, int& access, int& release) {
+    static const std::set<std::string> rights = {"R", "RV", "RVP", "RVO", "RVO1", "RO", "RVP1", "RVO2"};
+    const bool is_access = t.size() == 3 && t[1].is("ACCESS") && rights.count(t[2].text);
+    const bool is_release = t.size() == 3 && t[1].is("REL") && t[2].kind == Token::Kind::number && t[2].value >= 1;
+    access += is_access, release += is_release;
+    if (!is_access && !is_release && !(t.size() > 1 && (t[1].is("COMMENT") || t[1].is("PARAM")))) f.add("K-02", line, "an unknown line with &");
+  }
+
+  void data(const ProgramFile& file) {
+    int access = 0, release = 0;
+    for (const Line& line : raw_lines(file)) {
+      const auto t = tokens_of(code_of(line.text));
+      if (t.empty()) continue;
+      if (t[0].is("&")) head_line(line, t, access, release);
+      if (t.size() > 1 && t[0].is("DEFDAT")) name_rules(line, t[1].text, file.name);
+      expected_tool(line, t);
+    }
+    if (access != 1 || release != 1) f.add("K-02", file.name, "&ACCESS and &REL stand once each");
+  }
+
   void source(const ProgramFile& file, bool is_main) {
     int defs = 0, depth = 0, body_lines = 0;
     std::vector<std::string> folds;
     int access = 0, release = 0;
-    bool has_code = false, has_access = false, has_statement = false, has_init = false;
+    bool has_code = false, has_statement = false, has_init = false;
     std::vector<std::string> open_blocks;
     for (const Line& line : raw_lines(file)) {
       if (line.text.size() > 240) f.add("K-13", line, "a line longer than 240 characters");
@@ -68,11 +88,7 @@ struct Linter {
       if (t.empty()) continue;
       if (t[0].is("&")) {
         if (has_code) f.add("K-02", line, "a line with & below the top");
-        access += t.size() > 1 && t[1].is("ACCESS"), release += t.size() > 1 && t[1].is("REL");
-        static const std::set<std::string> rights = {"R", "RV", "RVP", "RVO", "RVO1", "RO", "RVP1", "RVO2"};
-        has_access |= t.size() == 3 && t[1].is("ACCESS") && rights.count(t[2].text);
-        if (t.size() < 2 || !(t[1].is("ACCESS") || t[1].is("COMMENT") || t[1].is("PARAM") || (t[1].is("REL") && t.size() == 3 && t[2].kind == Token::Kind::number)))
-          f.add("K-02", line, "an unknown line with &");
+        head_line(line, t, access, release);
         continue;
       }
       has_code = true;
@@ -105,7 +121,7 @@ struct Linter {
       statement(line, t);
     }
     const std::string where = file.name;
-    if (!has_access || access != 1 || release != 1) f.add("K-02", where, "&ACCESS and &REL stand once each");
+    if (access != 1 || release != 1) f.add("K-02", where, "&ACCESS and &REL stand once each");
     if (depth != 0 || defs == 0) f.add("K-02", where, "DEF and END do not match");
     if (!folds.empty()) f.add("K-02", where, "FOLD and ENDFOLD do not match");
     if (is_main && !has_init) f.add("K-04", where, "BAS (#INITMOV,0) is missing");
@@ -314,11 +330,7 @@ std::vector<Check> lint(const ProgramText& text, const PostContext& context) {
       l.source(file, is_first);
       is_first = false;
     } else if (name.ends_with(".DAT")) {
-      for (const Line& line : raw_lines(file)) {
-        const auto t = tokens_of(code_of(line.text));
-        if (t.size() > 1 && t[0].is("DEFDAT")) l.name_rules(line, t[1].text, file.name);
-        l.expected_tool(line, t);
-      }
+      l.data(file);
     }
   }
   if (!text.files.empty()) l.tools_are_checked(text.files.front().name);

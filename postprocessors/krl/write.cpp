@@ -39,9 +39,16 @@ void add_comment(Lines& out, std::string_view text) {
 }
 
 /// Statements of one run of instructions; the state is what the controller holds while they run.
+struct Machine {
+  bool is_krc2 = false;         // krl.version: KRC2 | KRC4
+  bool is_spline = false;       // krl.motion: classic | spline
+  bool is_tool_literal = false; // krl.tool: data | literal
+};
+
 struct Writer {
   const Program& program;
   const PostContext& context;
+  const Machine& machine;
   Lines out{"\r\n"};
   const ToolSpec* tool = nullptr;
   std::string tool_line, frame_line;
@@ -66,6 +73,7 @@ struct Writer {
     const std::string d = "  $APO.CDIS=" + fixed_number(blend_mm, kMm);
     if (d != blend) out.add(blend = d);
   }
+  const char* rounding() const { return !was_blended ? "" : machine.is_spline ? " C_SPL" : " C_DIS"; }
   std::string point(const Pose<frame::Base, frame::Tool>& T_base_tool) const {
     const auto T_work_tool = T_base_work.inverse() * T_base_tool;
     return frame_text(print_pose(T_work_tool.rotation(), T_work_tool.p_mm, kMm, kDeg));
@@ -73,7 +81,9 @@ struct Writer {
 
   void operator()(const SetTool& s) {
     tool = find_tool(context, s.number);
-    const std::string line = "  $TOOL=TOOL_DATA[" + std::to_string(s.number) + "]";
+    const std::string line =
+        machine.is_tool_literal ? "  $TOOL=" + frame_text(print_pose(s.T_flange_tool.rotation(), s.T_flange_tool.p_mm, kMm, kDeg))
+                                : "  $TOOL=TOOL_DATA[" + std::to_string(s.number) + "]";
     if (line != tool_line) out.add(tool_line = line);
   }
   void operator()(const SetFrame& s) {
@@ -90,11 +100,11 @@ struct Writer {
   }
   void operator()(const MoveLinear& m) {
     path_settings(m.speed_mm_s, m.is_exact, m.blend_mm);
-    out.add("  LIN " + point(m.T_base_tool) + (was_blended ? " C_DIS" : ""));
+    out.add((machine.is_spline ? "  SLIN " : "  LIN ") + point(m.T_base_tool) + rounding());
   }
   void operator()(const MoveCircular& m) {
     path_settings(m.speed_mm_s, m.is_exact, m.blend_mm);
-    out.add("  CIRC " + point(m.T_base_via) + "," + point(m.T_base_tool) + (was_blended ? " C_DIS" : ""));
+    out.add((machine.is_spline ? "  SCIRC " : "  CIRC ") + point(m.T_base_via) + "," + point(m.T_base_tool) + rounding());
   }
   void operator()(const SpindleOn& s) {
     event("$ANOUT[" + std::to_string(tool->spindle.analog) + "]=" + fixed_number(s.rpm / tool->spindle.max_rpm, 5));
@@ -129,7 +139,8 @@ void write_head(Lines& out, const std::string& name) {
   out.add("DEF " + name + "( )");
 }
 
-void write_start(Lines& out) {
+void write_start(Lines& out, const Machine& machine) {
+  if (machine.is_krc2) out.add("  EXT BAS (BAS_COMMAND :IN,REAL :IN )");
   out.add("  ;FOLD INI");
   out.add("  GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM ( )");
   out.add("  INTERRUPT ON 3");
@@ -147,6 +158,18 @@ void write_start(Lines& out) {
 
 Result<ProgramText> write(const Program& program, const PostContext& context) {
   Refusals faults = check(program, context, {.name_length = 24, .speed_min_mm_s = 0.01, .speed_max_mm_s = 2000, .wait_max_s = 3600});
+  Machine machine;
+  const auto choose = [&](const char* key, const char* usual, const char* other, bool& is_other) {
+    const std::string value = option(context, key).value_or(usual);
+    is_other = value == other;
+    if (!is_other && value != usual)
+      faults.push_back(fault("post.option", std::string("cell.yaml: controller.") + key, "\"" + value + "\" is neither " + usual + " nor " + other));
+  };
+  choose("krl.version", "KRC4", "KRC2", machine.is_krc2);
+  choose("krl.motion", "classic", "spline", machine.is_spline);
+  choose("krl.tool", "data", "literal", machine.is_tool_literal);
+  if (machine.is_krc2 && machine.is_spline)
+    faults.push_back(fault("post.option", "cell.yaml: controller.krl.motion", "KRC2 has no spline motions; choose classic"));
   const auto max_lines = option_int(context, "krl.max_lines", 3000, 50, 100000);
   if (!max_lines) faults.insert(faults.end(), max_lines.error().begin(), max_lines.error().end());
 
@@ -171,10 +194,11 @@ Result<ProgramText> write(const Program& program, const PostContext& context) {
   if (!faults.empty()) return refuse_all(std::move(faults));
 
   ProgramText text{Language::krl, {}};
-  Writer w{program, context};
+  Writer w{program, context, machine};
   write_head(w.out, program.name);
   for (const std::string& h : program.header) add_comment(w.out, h);
-  write_start(w.out);
+  write_start(w.out, machine);
+  if (machine.is_tool_literal) tools.clear();  // no data of the controller to check
   for (const ToolSpec* t : tools) write_tool_check(w.out, *t);
   w.out.add("  ;FOLD PROGRAM");
 

@@ -5,6 +5,7 @@
 
 #include <chrono>
 #include <cstdlib>
+#include <map>
 
 #include "planner/base/archive.hpp"
 #include "tests/support/post_programs.hpp"
@@ -77,6 +78,54 @@ TEST_P(PostContract, bytes_are_ascii_with_the_controllers_line_end) {
     for (char c : f.bytes) ASSERT_TRUE((c >= 0x20 && c <= 0x7e) || c == '\r' || c == '\n') << f.name;
     EXPECT_EQ(f.bytes.find("-0.000 "), std::string::npos);
   }
+}
+
+/// The machine's options change the text, not what it says.
+TEST_P(PostContract, options_say_the_same) {
+  const std::vector<std::map<std::string, std::string>> choices = {
+      {{"krl.version", "KRC2"}, {"inform.flip", "b_axis"}, {"inform.user_frame", "3"}},
+      {{"krl.motion", "spline"}, {"krl.tool", "literal"}, {"inform.name_length", "8"}},
+  };
+  for (const auto& options : choices)
+    for (int seed = 1; seed <= 100; ++seed) {
+      PostContext other = context;
+      for (const auto& [k, v] : options) other.cell.controller.options[k] = v;
+      other.cell.controller.speed_unit = SpeedUnit::cm_min;
+      other.cell.controller.orientation = seed % 2 ? BeckhoffOrientation::euler : BeckhoffOrientation::ypr;
+      const Program p = random_program(seed, {.has_new_frames = false});
+      const auto text = post().write(p, other);
+      ASSERT_TRUE(text) << text_of(text.error());
+      const auto back = post().read(*text, other);
+      ASSERT_TRUE(back) << text_of(back.error()) << text->files[0].bytes;
+      ASSERT_EQ(difference(p, *back, tolerance_of(post(), other), !options.count("inform.user_frame") && GetParam() == Language::inform), "") << text->files[0].bytes;
+      for (const Check& c : post().lint(*text, other)) ASSERT_TRUE(c.is_passed) << c.name << " " << c.where;
+    }
+}
+
+TEST(PostInform, position_levels_round_no_more_than_planned) {
+  PostContext context = post_context();
+  context.cell.controller.options["inform.position_levels"] = "0.5 2 5";
+  const Post& post = *find_post(Language::inform);
+  int rounded = 0;
+  for (int seed = 1; seed <= 50; ++seed) {
+    const Program p = random_program(seed, {.has_arcs = false});
+    const auto text = post.write(p, context);
+    ASSERT_TRUE(text);
+    EXPECT_EQ(text->files[0].bytes.find("CR="), std::string::npos);
+    const auto back = post.read(*text, context);
+    ASSERT_TRUE(back) << text_of(back.error());
+    std::vector<const MoveLinear*> a, b;
+    for (const Instruction& i : p.instructions)
+      if (const auto* m = std::get_if<MoveLinear>(&i)) a.push_back(m);
+    for (const Instruction& i : back->instructions)
+      if (const auto* m = std::get_if<MoveLinear>(&i)) b.push_back(m);
+    ASSERT_EQ(a.size(), b.size());
+    for (std::size_t i = 0; i < a.size(); ++i) {
+      ASSERT_LE(b[i]->is_exact ? 0 : b[i]->blend_mm, a[i]->is_exact ? 0 : a[i]->blend_mm);
+      rounded += !b[i]->is_exact;
+    }
+  }
+  EXPECT_GT(rounded, 50);
 }
 
 /// A program of 5000 points in 200-line modules says the same as the unsplit one.

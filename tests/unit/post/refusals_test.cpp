@@ -89,6 +89,13 @@ const Case kCases[] = {
     {"krl_tool_number", "post.tool", "tools[cone-90].number", {Language::krl},
      [](Program& p, PostContext& c) { c.cell.tools[0].number = 17, first<SetTool>(p).number = 17; }},
     {"option_no_number", "post.option", "controller.krl.max_lines", {Language::krl}, [](Program&, PostContext& c) { c.cell.controller.options["krl.max_lines"] = "many"; }},
+    {"krc2_spline", "post.option", "controller.krl.motion", {Language::krl},
+     [](Program&, PostContext& c) { c.cell.controller.options["krl.version"] = "KRC2", c.cell.controller.options["krl.motion"] = "spline"; }},
+    {"krl_version", "post.option", "controller.krl.version", {Language::krl}, [](Program&, PostContext& c) { c.cell.controller.options["krl.version"] = "KRC9"; }},
+    {"falling_levels", "post.option", "controller.inform.position_levels", {Language::inform},
+     [](Program&, PostContext& c) { c.cell.controller.options["inform.position_levels"] = "5 1"; }},
+    {"levels_no_number", "post.option", "controller.inform.position_levels", {Language::inform},
+     [](Program&, PostContext& c) { c.cell.controller.options["inform.position_levels"] = "1 x"; }},
     {"option_flip", "post.option", "controller.inform.flip", {Language::inform}, [](Program&, PostContext& c) { c.cell.controller.options["inform.flip"] = "maybe"; }},
     {"option_m_functions", "post.option", "controller.beckhoff.output.7", {Language::beckhoff},
      [](Program& p, PostContext& c) {
