@@ -80,8 +80,9 @@ void check_frame(Verdict& v, const ItemView& item, const Program& p, const Limit
   for (std::size_t i = 0; i < p.instructions.size(); ++i)
     if (const auto* s = std::get_if<SetFrame>(&p.instructions[i])) {
       if (s->T_base_work.p_mm.norm() == 0 && s->T_base_work.q.vec().norm() == 0) continue;
-      const Vec6 xi = twist_between(Pose<frame::Base, frame::Work>(item.location.T_base_part.q, item.location.T_base_part.p_mm), s->T_base_work);
-      mm = std::max(mm, xi.head<3>().norm()), rad = std::max(rad, xi.tail<3>().norm()), where = static_cast<int>(i);
+      const auto& T = item.location.T_base_part;
+      mm = std::max(mm, (T.p_mm - s->T_base_work.p_mm).norm());
+      rad = std::max(rad, turn_but_right_angles_rad(T.q, s->T_base_work.q)), where = static_cast<int>(i);
     }
   add_check(v, "frame.position", mm, limits.frame_mm, "mm", mm <= limits.frame_mm, where < 0 ? "" : place_of(p, where));
   add_check(v, "frame.orientation", deg_from_rad(rad), deg_from_rad(limits.frame_rad), "deg", rad <= limits.frame_rad, where < 0 ? "" : place_of(p, where));

@@ -36,6 +36,10 @@ void check_clearance(Verdict& v, const CellSpec& cell, const Arm& arm, const Pro
                      const Cutter* cutter, const Pose<frame::Flange, frame::Tool>& T_flange_tool, const std::vector<Standing>& world,
                      const Standing* part, const Limits& limits);
 
+/// Angle between two frames that may differ by right angles about their axes besides: a dialect may turn the frame it writes in,
+/// to keep its angles off their wrap. What the points mean is compared in base.
+double turn_but_right_angles_rad(const Eigen::Quaterniond& a, const Eigen::Quaterniond& b);
+
 struct ItemView {
   const Job& job;
   const Location& location;

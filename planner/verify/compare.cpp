@@ -72,7 +72,7 @@ std::vector<const Instruction*> spoken(const Program& p) {
   return out;
 }
 
-/// Every frame read back is one of the planned ones, or base.
+/// Every frame read back is one of the planned ones, turned by right angles at most, or base.
 void compare_frames(Worst& w, const Program& planned, const Program& read_back) {
   for (std::size_t i = 0; i < read_back.instructions.size(); ++i) {
     const auto* y = std::get_if<SetFrame>(&read_back.instructions[i]);
@@ -82,7 +82,8 @@ void compare_frames(Worst& w, const Program& planned, const Program& read_back) 
     for (const Instruction& p : planned.instructions)
       if (const auto* x = std::get_if<SetFrame>(&p)) {
         Worst one;
-        compare_pose(one, x->T_base_work, y->T_base_work, static_cast<int>(i));
+        raise(one.position_mm, one.position_at, (x->T_base_work.p_mm - y->T_base_work.p_mm).norm(), static_cast<int>(i));
+        raise(one.angle_rad, one.angle_at, turn_but_right_angles_rad(x->T_base_work.q, y->T_base_work.q), static_cast<int>(i));
         if (one.position_mm + one.angle_rad < best.position_mm + best.angle_rad) best = one;
       }
     raise(w.position_mm, w.position_at, best.position_mm, static_cast<int>(i));
@@ -91,6 +92,13 @@ void compare_frames(Worst& w, const Program& planned, const Program& read_back) 
 }
 
 }  // namespace
+
+double verifying::turn_but_right_angles_rad(const Eigen::Quaterniond& a, const Eigen::Quaterniond& b) {
+  const Mat3 R = (a.conjugate() * b).toRotationMatrix();
+  const Mat3 nearest = R.array().round();
+  if (std::abs(nearest.determinant() - 1) > 1e-9 || nearest.cwiseAbs().sum() != 3) return quat_log(a.conjugate() * b).norm();
+  return quat_log(Eigen::Quaterniond(Mat3(nearest.transpose() * R)).normalized()).norm();
+}
 
 Verdict compare_programs(const Program& planned, const Program& read_back, double position_step_mm, double angle_step_rad, double speed_step_mm_s) {
   Verdict v;
