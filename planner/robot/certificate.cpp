@@ -27,8 +27,12 @@ struct Block {
   JointVector middle{};
 };
 
-Pose<frame::Base, frame::Flange> between(const Pose<frame::Base, frame::Flange>& a, const Pose<frame::Base, frame::Flange>& b, double t) {
-  return {a.q.slerp(t, b.q).normalized(), a.p_mm + t * (b.p_mm - a.p_mm)};
+/// The flange part of the way when its point `straight` moves straight.
+Pose<frame::Base, frame::Flange> between(const Pose<frame::Base, frame::Flange>& a, const Pose<frame::Base, frame::Flange>& b, const Vec3& straight,
+                                         double t) {
+  const Eigen::Quaterniond q = a.q.slerp(t, b.q).normalized();
+  const Vec3 from = a.point(straight), to = b.point(straight);
+  return {q, from + t * (to - from) - q * straight};
 }
 
 }  // namespace
@@ -61,7 +65,7 @@ class MotionCertifier {
     if (path_.is_linear) {
       // The joints bow away from their chord: a quadratic that misses the chord by e at the middle travels at most 2 e more;
       // twice that is allowed for what is not quadratic.
-      const auto q = robot_.inverse_near(between(robot_.forward(a), robot_.forward(b), 0.5), k.middle);
+      const auto q = robot_.inverse_near(between(robot_.forward(a), robot_.forward(b), path_.straight_point_flange, 0.5), k.middle);
       for (int i = 0; i < 6; ++i) {
         const double bow = q ? std::abs((*q)[i] - k.middle[i]) : kPi;
         k.swing_rad[i] += 4 * bow + 1e-9;
@@ -90,8 +94,9 @@ class MotionCertifier {
     if (path_.is_linear && b.mount == kMountFlange) {
       const auto A = robot_.forward(k.a), B = robot_.forward(k.b);
       double radius = 0;
-      for (const Vec3& c : b.corners) radius = std::max(radius, c.norm());
-      t.whole_mm = (A.p_mm - B.p_mm).norm() + A.q.angularDistance(B.q) * radius + 1e-9;
+      const Vec3& straight = path_.straight_point_flange;
+      for (const Vec3& c : b.corners) radius = std::max(radius, (c - straight).norm());
+      t.whole_mm = (A.point(straight) - B.point(straight)).norm() + A.q.angularDistance(B.q) * radius + 1e-9;
     }
     return t;
   }

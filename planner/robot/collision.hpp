@@ -29,8 +29,10 @@ struct Watch {
 
 struct JointPath {
   std::vector<JointVector> q_rad;
-  /// Between points: false, straight in joint space; true, the flange straight in space and turning about one line, joints following.
+  /// Between points: false, straight in joint space; true, one point of the flange (the tool's tip) straight in space and the
+  /// flange turning about one line, joints following.
   bool is_linear = false;
+  Vec3 straight_point_flange = Vec3::Zero();
 };
 
 struct Certificate {
@@ -60,7 +62,7 @@ class CollisionScene {
   /// Method: the points of a body on link k move at most mu = sum over the joints up to k of |dq_j| R_j, R_j the greatest
   /// distance of the body from axis j over the block; a block with distances d1, d2 at its ends is free with margin m when
   /// d1 + d2 - mu >= 2 m (Schwarzer, Saha, Latombe 2005), else it is halved. For linear blocks a body on the flange moves at
-  /// most the flange's travel plus turn times its radius, and joints are bounded by their chord and their bow at the middle.
+  /// most the straight point's travel plus turn times its radius about it, and joints are bounded by their chord and their bow at the middle.
   Certificate certify(const std::vector<Watch>& watches, const JointPath& path) const;
 
   struct Impl;

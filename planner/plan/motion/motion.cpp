@@ -233,8 +233,8 @@ Result<Done<Motion>> plan_motion(const MotionRecipe& recipe, const Job& job, con
 
     const std::vector<Watch> in_transfer = cell.cell.with_flute(std::min(recipe.clearance_mm + burr_mm, 0.8 * task.approach_mm));
     Transfer transfer;
-    const auto accept = [&](const PassMotion& m) -> std::optional<Refusal> {
-      auto t = plan_transfer(q, m.approach.front(), tools, in_transfer, recipe.planner_iterations_count,
+    const auto accept = [&](const PassMotion& m, bool is_thorough) -> std::optional<Refusal> {
+      auto t = plan_transfer(q, m.approach.front(), tools, in_transfer, is_thorough ? recipe.planner_iterations_count : 0,
                              (k == 0 ? "from home to " : "on the way to ") + task.where);
       if (!t) return t.error().front();
       transfer = std::move(*t);

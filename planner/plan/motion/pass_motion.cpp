@@ -17,6 +17,7 @@ namespace {
 constexpr double kTurnStep_rad = rad_from_deg(5);
 constexpr double kApproachStep_mm = 5;
 constexpr double kFluteNear_mm = 0.4;  // the cutter's distance from the part where the approach ends, at least
+constexpr std::size_t kDeclinedAtMost = 8, kSearchedAtMost = 2;
 constexpr double kJointRatio = 0.8;    // of speed and acceleration limits
 
 /// Refusals so far; the one nearest to success is told.
@@ -59,20 +60,21 @@ Refusal collision(const PassTask& task, const CellScene& cell, const std::vector
 }
 
 /// Approach and retract: the flute may be near only where the path begins.
-Certificate certify_straight(const PassTask& task, const CellScene& cell, std::vector<JointVector> q_out, std::vector<Watch>& watches) {
+Certificate certify_straight(const PassTask& task, const CellScene& cell, std::vector<JointVector> q_out, const Vec3& straight_point,
+                             std::vector<Watch>& watches) {
   watches = cell.with_flute(kFluteNear_mm);
-  Certificate near = cell.scene.certify(watches, {q_out, true});
+  Certificate near = cell.scene.certify(watches, {q_out, true, straight_point});
   if (!near.is_free) return near;
   const int steps = static_cast<int>(q_out.size()) - 1;
   const int first = std::min(steps, static_cast<int>(std::ceil(task.flute_near_mm / (task.approach_mm / steps))));
   const std::vector<Watch> flute{{cell.flute, cell.part, task.flute_approach_mm}};
-  const Certificate far = cell.scene.certify(flute, {{q_out.begin() + first, q_out.end()}, true});
+  const Certificate far = cell.scene.certify(flute, {{q_out.begin() + first, q_out.end()}, true, straight_point});
   if (!far.is_free) {
     watches = flute;
     return far;
   }
   // What the segment keeps from everything but the part's edge: the flute's own nearness is the cut's.
-  Certificate rest = cell.scene.certify(cell.always, {q_out, true});
+  Certificate rest = cell.scene.certify(cell.always, {q_out, true, straight_point});
   return rest;
 }
 
@@ -111,10 +113,10 @@ Attempt realize(const PassTask& task, const PassTools& tools, const std::vector<
     return std::min(a, b) == kMountBase && std::max(a, b) == kMountFlange;
   };
   for (const auto* watches : {&cell.always, &cell.core}) {
-    const Certificate c = cell.scene.certify(*watches, {m.cut, true});
+    const Certificate c = cell.scene.certify(*watches, {m.cut, true, tools.T_flange_tool.p_mm});
     if (!c.is_free) {
       out.station = c.block, out.is_turn_blocked = blocks_turn((*watches)[static_cast<std::size_t>(c.watch)]);
-      trouble.add(5, collision(task, cell, *watches, c, "motion.collision", place(task, c.block), "while cutting"));
+      trouble.add(5, collision(task, cell, *watches, c, "motion.collision", place(task, c.block + (c.at_ratio > 0.5)), "while cutting"));
       return out;
     }
     if (watches == &cell.always) m.cut_clearance_mm = c.clearance_mm;  // the core's nearness is the cut's own
@@ -147,7 +149,7 @@ Attempt realize(const PassTask& task, const PassTools& tools, const std::vector<
         continue;
       }
       std::vector<Watch> watches;
-      const Certificate k = certify_straight(task, cell, *out_there, watches);
+      const Certificate k = certify_straight(task, cell, *out_there, tools.T_flange_tool.p_mm, watches);
       if (k.is_free) {
         way = std::move(out_there), clearance[end] = k.clearance_mm;
         break;
@@ -183,18 +185,20 @@ Attempt realize(const PassTask& task, const PassTools& tools, const std::vector<
 
 }  // namespace
 
-Result<PassMotion> plan_pass(const PassTask& task, const PassTools& tools, const JointVector& q_before,
-                             const std::function<std::optional<Refusal>(const PassMotion&)>& accept) {
+Result<PassMotion> plan_pass(const PassTask& task, const PassTools& tools, const JointVector& q_before, const AcceptPass& accept) {
   Trouble trouble;
+  std::vector<PassMotion> declined;  // certified, but the way there needs a search
   const TryPass try_one = [&](const PassTask& at, const std::vector<double>& turns, const JointVector& q_first) {
     Attempt a = realize(at, tools, turns, q_first, trouble);
     if (!a.motion) return a;
-    if (auto refusal = accept(*a.motion)) {
+    if (auto refusal = accept(*a.motion, false)) {
       trouble.add(7, *refusal);
+      declined.push_back(std::move(*a.motion));
       a.motion.reset(), a.station = 0, a.is_turn_blocked = false;
     }
     return a;
   };
+  const auto is_declined_often = [&] { return declined.size() >= kDeclinedAtMost; };
   // Turns near the reference first; the whole circle only where none of them holds.
   constexpr int kNear = 6, kAll = 36, kTriesNear = 16, kTriesAll = 72;
   std::vector<double> blocked;
@@ -212,13 +216,19 @@ Result<PassMotion> plan_pass(const PassTask& task, const PassTools& tools, const
     int tries = is_all ? kTriesAll : kTriesNear;
     for (const PassCandidate& c : candidates) {
       if (std::find(blocked.begin(), blocked.end(), c.turn_rad) != blocked.end()) continue;
-      if (tries-- == 0) break;
+      if (tries-- == 0 || is_declined_often()) break;
       const Attempt a = try_one(task, std::vector<double>(task.stations.size(), c.turn_rad), c.q_first);
       if (a.motion) return *a.motion;
       if (a.is_turn_blocked) blocked.push_back(c.turn_rad);
     }
   }
-  if (auto m = search_changing_turn(task, tools, q_before, try_one)) return *m;
+  if (!is_declined_often())
+    if (auto m = search_changing_turn(task, tools, q_before, try_one)) return *m;
+  for (std::size_t k = 0; k < std::min(declined.size(), kSearchedAtMost); ++k) {
+    auto refusal = accept(declined[k], true);
+    if (!refusal) return declined[k];
+    trouble.add(8, *refusal);
+  }
   must(trouble.rank >= 0, "a pass without candidates and without a reason");
   return refuse(trouble.refusal);
 }

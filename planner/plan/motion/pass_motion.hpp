@@ -52,7 +52,10 @@ struct PassMotion {
   double departure_mm = 0;                          // 1 sd of the arm's error relative to the reference posture
 };
 
-/// The best motion of the pass that `accept` takes (it tries the way there); the last trouble otherwise.
+/// Tries the way from where the arm is to the pass. First without a search; thorough only where no candidate can do without.
+using AcceptPass = std::function<std::optional<Refusal>(const PassMotion& motion, bool is_thorough)>;
+
+/// The best motion of the pass that `accept` takes; the trouble nearest to success otherwise.
 ///
 /// Frames    base. Units mm, rad.
 /// Method    turns 0, +-5, .. 180 degrees about the tool axis and every branch of the inverse, followed on a thinned path, costed
@@ -61,7 +64,6 @@ struct PassMotion {
 ///           Where no constant turn holds, a ladder over the path lets the turn change (ladder.hpp).
 /// Refuses   motion.unreachable, motion.joint_limit, motion.singular, motion.collision, motion.no_approach, motion.joint_speed,
 ///           and what `accept` refuses.
-Result<PassMotion> plan_pass(const PassTask& task, const PassTools& tools, const JointVector& q_before,
-                             const std::function<std::optional<Refusal>(const PassMotion&)>& accept);
+Result<PassMotion> plan_pass(const PassTask& task, const PassTools& tools, const JointVector& q_before, const AcceptPass& accept);
 
 }  // namespace asbuilt

@@ -43,8 +43,9 @@ Result<Transfer> plan_transfer(const JointVector& q_from, const JointVector& q_t
     for (const auto& w : ways)
       if (auto t = certified(w)) return *t;
   }
-  if (auto q = find_free_move(scene, watches, q_from, q_to, iterations_count))
-    if (auto t = certified(*q)) return *t;
+  if (iterations_count > 0)
+    if (auto q = find_free_move(scene, watches, q_from, q_to, iterations_count))
+      if (auto t = certified(*q)) return *t;
   const Watch& w = watches[static_cast<std::size_t>(straight.watch)];
   return refuse({.code = "motion.no_transfer",
                  .where = where,

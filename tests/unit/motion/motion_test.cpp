@@ -169,6 +169,23 @@ TEST(Motion, TheTurnChangesWhereNoConstantOneHolds) {
   EXPECT_GT(turned, 30);
 }
 
+/// Tall walls between home and the block: neither the straight nor a raised move gets out, the search does.
+TEST(Motion, ASearchFindsTheWayAroundWalls) {
+  SmallCell c = small_cell();
+  const Vec3 at = c.location.T_base_part.p_mm;
+  c.job.cell.obstacles = {{"wall a", test::box_mesh(at + Vec3(-900, -420, 60), at + Vec3(900, -410, 3500))},
+                          {"wall b", test::box_mesh(at + Vec3(-900, 410, 60), at + Vec3(900, 420, 3500))}};
+  c.job.cell.robot.home_rad[0] = rad_from_deg(90);
+  const auto m = plan(c);
+  ASSERT_TRUE(m.has_value()) << m.error()[0].code << ": " << m.error()[0].message;
+  expect_sound(c, m->artefact);
+  expect_on_path(c, m->artefact);
+  EXPECT_GT(m->artefact.segments.front().q_rad.size(), 2u);
+  const auto again = plan(c);
+  ASSERT_TRUE(again.has_value());
+  EXPECT_EQ(m->artefact.segments.front().q_rad, again->artefact.segments.front().q_rad);
+}
+
 TEST(Motion, ClearanceHoldsInADenseReplay) {
   SmallCell c = small_cell();
   c.job.cell.obstacles.push_back({"wall", test::box_mesh({1100, 140, 600}, {1400, 160, 900})});

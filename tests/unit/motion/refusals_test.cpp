@@ -103,16 +103,16 @@ TEST(MotionRefusals, NoApproachWhereTheRetractLeavesTheReach) {
   EXPECT_EQ(refusal_of(c).code, "motion.no_approach");
 }
 
-TEST(MotionRefusals, NoTransferOutOfACage) {
+/// The same walls that a search of the usual length finds its way around.
+TEST(MotionRefusals, NoTransferWithTooShortASearch) {
   SmallCell c = small_cell();
-  // the spindle is inside a chimney that is open at no side; home is outside
   const Vec3 at = c.location.T_base_part.p_mm;
   const double z0 = 60, z1 = 3500;
   c.job.cell.obstacles = {{"wall a", test::box_mesh(at + Vec3(-900, -420, z0), at + Vec3(900, -410, z1))},
                           {"wall b", test::box_mesh(at + Vec3(-900, 410, z0), at + Vec3(900, 420, z1))}};
   c.job.cell.robot.home_rad[0] = rad_from_deg(90);
   MotionRecipe recipe;
-  recipe.planner_iterations_count = 200;
+  recipe.planner_iterations_count = 20;
   const Refusal r = refusal_of(c, recipe);
   EXPECT_EQ(r.code, "motion.no_transfer") << r.message;
 }

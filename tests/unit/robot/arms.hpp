@@ -2,14 +2,14 @@
 // Arms for the tests of this room: two made-up ones and a reader of real URDF files.
 #pragma once
 
-#include <urdf_parser/urdf_parser.h>
-
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <optional>
-#include <sstream>
+#include <string>
 
 #include "planner/artefacts/job.hpp"
+#include "planner/io/urdf.hpp"
 
 namespace asbuilt::test {
 
@@ -55,51 +55,17 @@ inline RobotSpec odd_arm() {
 
 inline std::filesystem::path robots_folder() { return std::filesystem::path("../shared/data/robots"); }
 
-inline Pose<frame::Base, frame::Base> pose_of(const urdf::Pose& p) {
-  return {Eigen::Quaterniond(p.rotation.w, p.rotation.x, p.rotation.y, p.rotation.z).normalized(),
-          1000.0 * Vec3(p.position.x, p.position.y, p.position.z)};
-}
-
-/// The chain from base to tip; mm. None where there is no such chain of six moving joints.
-inline std::optional<RobotSpec> read_urdf(const std::filesystem::path& file, const std::string& base, const std::string& tip) {
-  std::ifstream in(file);
-  std::stringstream text;
-  text << in.rdbuf();
-  const auto model = urdf::parseURDF(text.str());
-  if (!model) return std::nullopt;
+/// The chain from base to tip. None where there is no such chain of six turning joints.
+inline std::optional<RobotSpec> spec_of_urdf(const std::filesystem::path& file, const std::string& base, const std::string& tip) {
+  std::ifstream in(file, std::ios::binary);
+  const std::string bytes{std::istreambuf_iterator<char>(in), {}};
+  const auto read = read_urdf(bytes, file.filename(), base, tip);
+  if (!read) return std::nullopt;
   RobotSpec spec;
-  spec.model = model->getName();
-  ChainKinematics chain;
-  chain.urdf = file.filename(), chain.base_link = base, chain.tip_link = tip;
-  std::vector<urdf::JointConstSharedPtr> joints;
-  auto link = model->getLink(tip);
-  while (link && link->name != base) {
-    if (!link->parent_joint) return std::nullopt;
-    joints.insert(joints.begin(), link->parent_joint);
-    link = model->getLink(link->parent_joint->parent_link_name);
-  }
-  Pose<frame::Base, frame::Base> fixed;
-  int n = 0;
-  for (const auto& j : joints) {
-    fixed = fixed * pose_of(j->parent_to_joint_origin_transform);
-    if (j->type == urdf::Joint::FIXED) continue;
-    ChainJoint c;
-    c.name = j->name;
-    c.T_parent_joint = fixed;
-    c.axis = Vec3(j->axis.x, j->axis.y, j->axis.z);
-    c.is_prismatic = j->type == urdf::Joint::PRISMATIC;
-    if (n < 6) {
-      spec.joints[n].min_rad = j->type == urdf::Joint::CONTINUOUS ? -kPi : j->limits->lower;
-      spec.joints[n].max_rad = j->type == urdf::Joint::CONTINUOUS ? kPi : j->limits->upper;
-      spec.joints[n].speed_rad_s = j->limits ? j->limits->velocity : 3;
-      spec.joints[n].acceleration_rad_s2 = 10;
-    }
-    ++n;
-    chain.joints.push_back(c);
-    fixed = {};
-  }
-  chain.T_last_tip = fixed;
-  spec.kinematics = chain;
+  spec.model = file.stem();
+  spec.kinematics = read->artefact.kinematics;
+  for (int i = 0; i < 6; ++i)
+    spec.joints[i] = {read->artefact.limits_rad[i][0], read->artefact.limits_rad[i][1], read->artefact.speed_rad_s[i], 10, 100};
   return spec;
 }
 

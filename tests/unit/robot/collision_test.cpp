@@ -141,6 +141,47 @@ TEST(Collision, CertificateAgainstBruteForceOnRandomMotions) {
   EXPECT_GT(hit_count, 50);
 }
 
+/// The tool's tip moves straight while the flange turns about it by up to 30 degrees: the flange itself runs on an arc.
+TEST(Collision, CertificateOfStraightMovesOfATipAgainstBruteForce) {
+  Cell c;
+  Random random = Random::stream(34, "straight tip");
+  const int tool = c.scene.add("tool", kMountFlange, box_mesh({-75, -75, 0}, {75, 75, 295}));
+  const int fore = c.scene.add("forearm", 4, box_mesh({1545, -95, 805}, {2275, 95, 995}));
+  const int block = c.scene.add("block", kMountBase, box_mesh({1150, -150, 700}, {1450, 150, 1160}));
+  const Pose<frame::Flange, frame::Tool> T_flange_tool(Eigen::Quaterniond::Identity(), Vec3(0, 0, 350));
+  int free_count = 0, hit_count = 0;
+  for (int k = 0; k < 120; ++k) {
+    JointVector q = kReady;
+    for (double& v : q) v += random.uniform(-0.3, 0.3);
+    const auto A = c.robot.forward(q) * T_flange_tool;
+    const Pose<frame::Base, frame::Tool> B((A.q * quat_exp(0.3 * Vec3(random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(-1, 1)))).normalized(),
+                                           A.p_mm + Vec3(random.uniform(-50, 50), random.uniform(-50, 50), random.uniform(-50, 50)));
+    const auto at = [&](double t) { return Pose<frame::Base, frame::Tool>(A.q.slerp(t, B.q).normalized(), A.p_mm + t * (B.p_mm - A.p_mm)) * T_flange_tool.inverse(); };
+    JointPath path{{q}, true, T_flange_tool.p_mm};
+    bool ok = true;
+    for (int s = 1; s <= 6 && ok; ++s) {
+      const auto n = c.robot.inverse_near(at(s / 6.0), path.q_rad.back());
+      ok = n.has_value();
+      if (ok) path.q_rad.push_back(*n);
+    }
+    if (!ok) continue;
+    for (const int body : {tool, fore}) {
+      double least = 1e9;
+      JointVector v = q;
+      for (int s = 0; s <= 120; ++s) {
+        v = *c.robot.inverse_near(at(s / 120.0), v);
+        least = std::min(least, c.scene.separation(body, block, v).distance_mm);
+      }
+      const Certificate certificate = c.scene.certify({{body, block, 3}}, path);
+      (certificate.is_free ? free_count : hit_count) += 1;
+      EXPECT_TRUE(!certificate.is_free || (least >= 3 - 1e-6 && certificate.clearance_mm <= least + 1e-6));
+      EXPECT_TRUE(certificate.is_free || least <= 5);
+    }
+  }
+  EXPECT_GT(free_count, 50);
+  EXPECT_GT(hit_count, 10);
+}
+
 TEST(Collision, CertificateOfStraightMovesAgainstBruteForce) {
   Cell c;
   Random random = Random::stream(33, "straight");

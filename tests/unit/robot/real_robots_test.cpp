@@ -4,6 +4,7 @@
 
 #include <fstream>
 #include <regex>
+#include <sstream>
 
 #include "planner/base/random.hpp"
 #include "planner/robot/robot.hpp"
@@ -57,7 +58,7 @@ std::vector<std::string> six_axis_models() {
 }
 
 std::optional<RobotSpec> spec_of(const std::string& name, const Table& t) {
-  return test::read_urdf(test::robots_folder() / name / (name + ".urdf"), t.base, t.tip);
+  return test::spec_of_urdf(test::robots_folder() / name / (name + ".urdf"), t.base, t.tip);
 }
 
 TEST(RealRobots, ForwardAgreesWithTheTable) {
