@@ -123,10 +123,10 @@ Disagreement worst_disagreement(const Setup& setup, const MeasuredCloud& cloud, 
         differences[{static_cast<int>(place[0]), a->first, b->first}].push_back(a->second.first / a->second.second - b->second.first / b->second.second);
   Disagreement out;
   for (auto& [key, d] : differences) {
-    if (d.size() < 6) continue;
+    if (d.size() < 10) continue;
     std::nth_element(d.begin(), d.begin() + static_cast<std::ptrdiff_t>(d.size() / 2), d.end());
     const double middle = std::abs(d[d.size() / 2]);
-    if (middle > out.distance_mm) out.distance_mm = middle, out.slot = key[0], out.capture_a = key[1], out.capture_b = key[2];
+    if (middle > out.distance_mm) out.distance_mm = middle, out.slot = key[0], out.capture_a = key[1], out.capture_b = key[2], out.places_count = static_cast<int>(d.size());
   }
   for (std::size_t k = 0; k < cloud.captures.size(); ++k)
     if (setup.is_fine[k]) out.noise_mm = std::max(out.noise_mm, cloud.captures[k].noise_mm);

@@ -14,6 +14,7 @@ Refusals check_traced(const FitRecipe& recipe, const Setup& setup, const std::ve
 /// The two captures that put one face farthest apart, by their residuals where both saw it.
 struct Disagreement {
   double distance_mm = 0, noise_mm = 0;  // noise: of a point of the sensors that decide
+  int places_count = 0;                  // seen by both, 4 mm apart
   int slot = -1, capture_a = -1, capture_b = -1;
 };
 Disagreement worst_disagreement(const Setup& setup, const MeasuredCloud& cloud, const Location& location, const std::vector<Cell>& cells,

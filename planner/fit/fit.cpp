@@ -174,7 +174,7 @@ Result<Done<Features>> fit(const FitRecipe& recipe, const Job& job, const Measur
   bundle = solve_bundle({}, cells, T, setup.faces, setup.captures);
   // The location saw the whole part and the robot's error; its corrections are touched only where captures visibly disagree.
   const Disagreement left = worst_disagreement(setup, cloud, location, cells, bundle);
-  if (left.distance_mm > 0.035 + 2 * left.noise_mm) {
+  if (left.distance_mm > 0.05 + 2 * left.noise_mm && left.places_count >= 30) {
     setup.captures = free_captures;
     bundle = solve_bundle({}, cells, T, setup.faces, setup.captures);
     done.notes.push_back({Note::Level::note, "fit.captures_refined",
