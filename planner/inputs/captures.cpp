@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <map>
 
 #include "planner/inputs/item.hpp"
 #include "planner/io/cloud_file.hpp"
@@ -51,6 +52,7 @@ std::vector<Capture> captures_of(Item& item, const CellSpec& cell) {
   std::vector<Capture> captures;
   if (!s.is_read) return captures;
   std::optional<Robot> robot;
+  std::map<std::string, std::string> first;  // cloud -> the capture that names it
   for (std::size_t i = 0; i < s.value.captures.size(); ++i) {
     const CaptureText& t = s.value.captures[i];
     const std::string at = "captures[" + std::to_string(i) + "]";
@@ -102,6 +104,8 @@ std::vector<Capture> captures_of(Item& item, const CellSpec& cell) {
     }
     if (t.cloud) {
       c.name = *t.cloud;
+      if (const auto [it, is_new] = first.try_emplace(*t.cloud, at); !is_new)
+        s.out.fault("input.cloud_twice", at + ".cloud", "found the cloud '" + shown(*t.cloud) + "', which " + it->second + " names already, allowed once: one scan was not taken from two places");
       read_points(item, t, at + ".cloud", sensor, c);
     }
     captures.push_back(std::move(c));

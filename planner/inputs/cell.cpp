@@ -103,6 +103,15 @@ RobotSpec robot_of(Item& item, YamlSource<CellFile>& s) {
     Mesh mesh = mesh_at(item, s.out, "robot." + index("links", i) + ".mesh", s.file, l.mesh, l.units, kLinkGate);
     robot.links.push_back({l.joint, std::move(mesh)});
   }
+  std::set<int> drawn;
+  for (const LinkMesh& l : robot.links) drawn.insert(l.joint);
+  std::string missing;
+  for (int j = 0; j <= 6; ++j)
+    if (!drawn.count(j)) missing += (missing.empty() ? "" : ", ") + std::to_string(j);
+  if (drawn.empty() && item.depth == Depth::all && item.has_kinematics && item.faults.empty())
+    s.out.fault("input.links_missing", "robot.links", "found no shape of the arm, allowed one for the base and one for each moving link: without them no collision can be seen");
+  else if (!missing.empty() && item.depth == Depth::all)
+    item.note("input.link_not_drawn", "no shape moves with joint " + missing + ": collisions of that part of the arm are not seen", s.out.where("robot.links"));
   const auto mean_sd = [](const MeanSdText& m) { return MeanSd{m.mean_mm, m.sd_mm}; };
   robot.accuracy = {mean_sd(t.accuracy.absolute), mean_sd(t.accuracy.repeatability), mean_sd(t.accuracy.short_term.value_or(t.accuracy.repeatability))};
   return robot;

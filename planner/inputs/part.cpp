@@ -118,6 +118,8 @@ std::vector<Recipe> recipes_of(Item& item) {
       const ToolText* tool = nullptr;
       for (const ToolText& x : item.cell.value.tools)
         if (x.id == t.tool) tool = &x;
+      if (tool && item.calibration.is_read && !item.calibration.value.tools.count(t.tool))
+        s.out.fault("input.tool_not_calibrated", "tool", "found the tool '" + t.tool + "', which " + item.calibration.out.name + " does not name; calibrate it: the program's tool number means the calibrated pose");
       if (!tool) s.out.fault("input.unknown_tool", "tool", "found the tool '" + t.tool + "', allowed one that " + item.cell.out.name + " has");
       else if (t.spindle_rpm > tool->spindle.max_rpm && tool->spindle.max_rpm > 0)
         s.out.fault("input.out_of_range", "spindle_rpm", fmt::format("found {:g} rpm, allowed at most the {:g} rpm of tool {}", t.spindle_rpm, tool->spindle.max_rpm, t.tool), t.spindle_rpm, tool->spindle.max_rpm, "rpm");

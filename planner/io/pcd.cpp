@@ -58,7 +58,12 @@ bool lzf_expand(std::string_view from, std::string& to) {
     if (i >= from.size()) return false;
     const std::size_t back = (std::size_t(control & 31) << 8 | static_cast<unsigned char>(from[i++])) + 1;
     if (back > o || to.size() - o < n) return false;
-    for (std::size_t k = 0; k < n; ++k, ++o) to[o] = to[o - back];
+    if (back >= n) {
+      std::memcpy(to.data() + o, to.data() + o - back, n);
+      o += n;
+    } else {
+      for (std::size_t k = 0; k < n; ++k, ++o) to[o] = to[o - back];
+    }
   }
   return o == to.size();
 }
@@ -177,18 +182,25 @@ Result<CloudFile> read_pcd_points(std::string_view bytes, const std::string& nam
     if (!lzf_expand(rest.substr(8, packed), expanded)) return broken("found compressed data that do not expand to their length; copy or export the file again");
     for (int k = 0; k < 3; ++k) base[k] = expanded.data() + axis[k]->offset * *points, step[k] = std::size_t(axis[k]->size);
   }
-  cloud.points.reserve(*points);
   const bool are_floats = axis[0]->type == 'F' && axis[1]->type == 'F' && axis[2]->type == 'F' && axis[0]->size == 4 && axis[1]->size == 4 && axis[2]->size == 4;
-  for (std::uint64_t i = 0; i < *points; ++i) {
-    if (are_floats) {
-      Eigen::Vector3f p;
-      for (int k = 0; k < 3; ++k) std::memcpy(&p[k], base[k] + i * step[k], 4);
-      if (p.allFinite()) cloud.points.push_back(p);
-      else ++cloud.dropped_count;
-    } else {
-      add_point(cloud, value_at(base[0] + i * step[0], *axis[0]), value_at(base[1] + i * step[1], *axis[1]), value_at(base[2] + i * step[2], *axis[2]));
+  if (are_floats) {
+    cloud.points.resize(*points);
+    Eigen::Vector3f* to = cloud.points.data();
+    for (std::uint64_t i = 0; i < *points; ++i) {
+      std::uint32_t bits[3];
+      for (int k = 0; k < 3; ++k) std::memcpy(&bits[k], base[k] + i * step[k], 4);
+      std::memcpy(to->data(), bits, 12);
+      constexpr std::uint32_t m = 0x7f800000u;  // all ones: NaN or infinite
+      to += ((bits[0] & m) != m) & ((bits[1] & m) != m) & ((bits[2] & m) != m);
     }
+    const std::size_t kept = std::size_t(to - cloud.points.data());
+    cloud.dropped_count = *points - kept;
+    cloud.points.resize(kept);
+    return cloud;
   }
+  cloud.points.reserve(*points);
+  for (std::uint64_t i = 0; i < *points; ++i)
+    add_point(cloud, value_at(base[0] + i * step[0], *axis[0]), value_at(base[1] + i * step[1], *axis[1]), value_at(base[2] + i * step[2], *axis[2]));
   return cloud;
 }
 

@@ -2,7 +2,9 @@
 // The generated batches beside the project load whole; skipped where they are absent.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <filesystem>
+#include <fstream>
 
 #include "planner/inputs/inputs.hpp"
 
@@ -39,6 +41,28 @@ TEST_P(SharedBatch, loads) {
   EXPECT_TRUE(job->notes.empty());
   for (const FeatureSpec& f : j.part.features)
     for (const int e : f.edges) EXPECT_EQ(j.part.brep.edges[std::size_t(e)].kind, EdgeKind::sharp_convex);
+}
+
+TEST(Inputs, files_of_the_house_are_read) {
+  std::size_t count = 0;
+  for (const char* folder : {"parts", "fixtures"}) {
+    if (!fs::exists(folder)) continue;
+    for (const auto& e : fs::recursive_directory_iterator(folder)) {
+      if (e.path().extension() != ".yaml") continue;
+      std::ifstream in(e.path());
+      std::string line;
+      while (std::getline(in, line) && line.rfind("asbuilt:", 0) != 0) {
+      }
+      if (line.rfind("asbuilt:", 0) != 0) continue;
+      const std::string kind = line.substr(9, line.find('/') - 9);
+      const auto kinds = file_kinds();
+      if (std::find(kinds.begin(), kinds.end(), kind) == kinds.end()) continue;  // a scenario is the simulator's
+      const Refusals faults = check_file(kind, e.path());
+      EXPECT_TRUE(faults.empty()) << e.path() << "\n" << text_of(faults);
+      ++count;
+    }
+  }
+  EXPECT_TRUE(count > 0 || !fs::exists("parts"));
 }
 
 INSTANTIATE_TEST_SUITE_P(Inputs, SharedBatch, testing::Values("ring", "bracket", "casting"));

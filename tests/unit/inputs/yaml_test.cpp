@@ -62,10 +62,11 @@ TEST(Yaml, what_is_written_is_read_in_any_order_of_keys) {
   });
 }
 
+constexpr const char* kPieces[] = {"{", "}", "[", "]", ": ", "- ", "&a ", "*a", "!!binary ", "|\n", ">\n", "\n---\n", "# ", "'", "\"", "? ", "%YAML 9\n", "\t", "\n  ", "null", "~", ".nan", "1e999", "-", "\xef\xbb\xbf", "\xff", "<<: *a", "@", "`"};
+
 TEST(Yaml, no_bytes_break_the_readers) {
   std::mt19937_64 engine(20261122);
   const auto below = [&](std::size_t n) { return n ? std::size_t(engine() % n) : 0; };
-  static const char* const words[] = {"{", "}", "[", "]", ": ", "- ", "&a ", "*a", "!!binary ", "|\n", ">\n", "\n---\n", "# ", "'", "\"", "? ", "%YAML 9\n", "\t", "\n  ", "null", "~", ".nan", "1e999", "-", "\xef\xbb\xbf", "\xff", "<<: *a", "@", "`"};
   std::size_t read = 0, refused = 0;
   for_each_kind([&]<class File>() {
     File file;
@@ -80,7 +81,7 @@ TEST(Yaml, no_bytes_break_the_readers) {
           case 0:
             if (at < text.size()) text[at] = char(engine());
             break;
-          case 1: text.insert(at, words[below(std::size(words))]); break;
+          case 1: text.insert(at, kPieces[below(std::size(kPieces))]); break;
           case 2: text.erase(at, below(10)); break;
           case 3: text.insert(at, text.substr(below(text.size() + 1), below(80))); break;
           default:
