@@ -50,7 +50,8 @@ std::string row_of(const BatchLine& line) {
   std::string said;
   if (!line.reasons.empty()) {
     const Refusal& r = line.reasons.front();
-    said = fmt::format("<b>{}</b>: {}", escaped(r.stage), escaped(r.message.empty() ? r.code : r.message));
+    const bool is_place_said = r.where.empty() || r.message.find(r.where) != std::string::npos;
+    said = fmt::format("<b>{}</b>: {}{}", escaped(r.stage), is_place_said ? "" : escaped(r.where) + ": ", escaped(r.message.empty() ? r.code : r.message));
     if (line.reasons.size() > 1) said += fmt::format(" <span class=\"muted\">and {} more</span>", line.reasons.size() - 1);
   } else {
     said = programs;

@@ -2,6 +2,7 @@
 // The command line: exit statuses, messages, one JSON document on standard output.
 #include <gtest/gtest.h>
 
+#include "planner/simulate/simulate.hpp"
 #include "tests/e2e/run_program.hpp"
 
 namespace asbuilt {
@@ -58,6 +59,106 @@ TEST(CommandLine, schemas_are_json) {
     const test::Ran ran = run_program({"schema", kind});
     EXPECT_EQ(ran.status, 0) << kind;
     EXPECT_TRUE(Json::parse(ran.out, nullptr, false).is_object()) << kind;
+  }
+}
+
+TEST(CommandLine, an_item_that_is_not_there_is_refused_with_those_that_are) {
+  const test::Folder folder;
+  Scenario scenario;
+  scenario.part = "bracket", scenario.trap = "unknown_key", scenario.item_id = "bracket-7";
+  const auto made = simulate(scenario, folder.path / "virtual");
+  ASSERT_TRUE(made);
+  const std::string batch = made->artefact.string(), out = folder.path / "out";
+  const test::Ran ran = run_program({"batch", batch, "--out", out, "--only", "bracket-8"});
+  EXPECT_EQ(ran.status, 2);
+  EXPECT_NE(ran.err.find("input.unknown_item"), std::string::npos) << ran.err;
+  EXPECT_NE(ran.err.find("bracket-7"), std::string::npos) << ran.err;
+  const test::Ran stage = run_program({"fit", batch, "--out", out, "--item", "bracket-8"});
+  EXPECT_EQ(stage.status, 2);
+  EXPECT_NE(stage.err.find("bracket-7"), std::string::npos) << stage.err;
+  const test::Ran input = run_program({"fit", batch, "--out", out, "--item", "bracket-7", "--json"});
+  EXPECT_EQ(input.status, 2);
+  const Json said = Json::parse(input.out, nullptr, false);
+  ASSERT_TRUE(said.is_object()) << input.out;
+  EXPECT_EQ(said.at("status"), "refused");
+  EXPECT_EQ(said.at("reasons")[0].at("code"), "input.unknown_key");
+
+  // a folder that cannot be used, a cluster that is not there
+  test::write_text(folder.path / "file", "not a folder");
+  const test::Ran file = run_program({"batch", batch, "--out", folder.path / "file"});
+  EXPECT_EQ(file.status, 2);
+  EXPECT_NE(file.err.find("input.out_not_usable"), std::string::npos) << file.err;
+}
+
+TEST(CommandLine, stages_of_one_item_use_one_store) {
+  const test::Folder folder;
+  Scenario scenario;
+  scenario.part = "ring", scenario.seed = 21, scenario.item_id = "good";
+  const auto made = simulate(scenario, folder.path / "virtual");
+  ASSERT_TRUE(made);
+  const std::string batch = made->artefact.string(), out = folder.path / "out";
+  for (const char* stage : {"fuse", "locate", "fit", "burr", "path", "motion"}) {
+    const test::Ran ran = run_program({stage, batch, "--out", out, "--item", "good", "--json"});
+    EXPECT_EQ(ran.status, 0) << stage << ran.err;
+    const Json said = Json::parse(ran.out, nullptr, false);
+    ASSERT_TRUE(said.is_object()) << stage;
+    EXPECT_EQ(said.at("stage"), stage);
+    EXPECT_FALSE(said.at("result").is_null()) << stage;
+    if (std::string(stage) != "fuse") EXPECT_NE(ran.err.find("fuse: from store"), std::string::npos) << ran.err;
+  }
+  EXPECT_FALSE(std::filesystem::exists(folder.path / "out" / "good"));
+
+  // programs: verified, compared, and a changed one caught
+  ASSERT_EQ(run_program({"batch", batch, "--out", out, "--post", "krl,inform,beckhoff", "--quiet"}).status, 0);
+  const std::filesystem::path item = folder.path / "out" / "good", cell = made->artefact.parent_path() / "cell.yaml";
+  std::vector<std::string> programs;
+  std::filesystem::path src;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(item / "programs"))
+    if (entry.is_regular_file()) {
+      programs.push_back(entry.path());
+      if (entry.path().extension() == ".src") src = entry.path();
+    }
+  std::vector<std::string> words{"verify"};
+  words.insert(words.end(), programs.begin(), programs.end());
+  words.insert(words.end(), {"--cell", cell, "--result", item / "result.json", "--json"});
+  const test::Ran verified = run_program(words);
+  EXPECT_EQ(verified.status, 0) << verified.out << verified.err;
+  EXPECT_EQ(Json::parse(verified.out, nullptr, false).at("programs").size(), 3u);
+
+  const test::Ran drawing = run_program({"compare", item, "--json"});
+  EXPECT_EQ(drawing.status, 0);
+  EXPECT_EQ(Json::parse(drawing.out).at("kind"), "nominal-adapted");
+  const test::Ran same = run_program({"compare", item, item / "result.json", "--json"});
+  for (const Json& e : Json::parse(same.out).at("edges")) EXPECT_EQ(e.at("max"), 0.0);
+  EXPECT_EQ(run_program({"compare", src, src}).status, 2);  // what a program means depends on the cell
+
+  const std::filesystem::path changed = folder.path / "changed" / src.filename();
+  std::string text = test::read_text(src);
+  const std::size_t at = text.rfind("LIN");
+  ASSERT_NE(at, std::string::npos);
+  const std::size_t x = text.find("X ", at) + 2;
+  text.replace(x, text.find_first_of(",.", x) - x, "0");
+  test::write_text(changed, text);
+  for (const char* end : {".dat"})
+    if (auto beside = src; std::filesystem::exists(beside.replace_extension(end))) std::filesystem::copy_file(beside, changed.parent_path() / beside.filename());
+  EXPECT_NE(run_program({"verify", changed, changed.string().substr(0, changed.string().size() - 3) + "dat", "--cell", cell, "--calibration",
+                         made->artefact.parent_path() / "calibration.yaml", "--result", item / "result.json"}).status, 0);
+}
+
+TEST(CommandLine, demo_good_parts_come_out_and_traps_are_refused) {
+  const test::Folder folder;
+  const test::Ran ran = run_program({"demo", "--out", folder.path / "demo", "--json", "--quiet"});
+  EXPECT_EQ(ran.status, 0) << ran.out << ran.err;
+  const Json said = Json::parse(ran.out, nullptr, false);
+  ASSERT_TRUE(said.is_object());
+  for (const Json& item : said.at("items")) {
+    EXPECT_TRUE(item.at("as_designed").get<bool>()) << item.dump();
+    if (item.at("status") != "emitted") continue;
+    const Json& truth = item.at("truth");
+    EXPECT_LT(truth.at("edge_p95_mm").get<double>(), 0.12) << item.dump();
+    EXPECT_LT(truth.at("edge_p95_mm").get<double>(), truth.at("edge_nominal_p95_mm").get<double>()) << item.dump();
+    EXPECT_GT(truth.at("chamfer_within_ratio").get<double>(), 0.95) << item.dump();
+    EXPECT_LT(truth.at("burr_rms_mm").get<double>(), 0.1) << item.dump();
   }
 }
 
