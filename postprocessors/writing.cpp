@@ -69,6 +69,19 @@ Result<int> option_int(const PostContext& context, const std::string& key, int o
   return value;
 }
 
+void check_options(const PostContext& context, std::string_view block, const std::vector<std::string_view>& known, Refusals& faults) {
+  const std::string prefix = std::string(block) + ".";
+  for (const auto& [key, value] : context.cell.controller.options) {
+    if (!key.starts_with(prefix)) continue;
+    const std::string_view name = std::string_view(key).substr(prefix.size());
+    const bool is_known = std::any_of(known.begin(), known.end(), [&](std::string_view k) { return k.ends_with('.') ? name.starts_with(k) : name == k; });
+    if (is_known) continue;
+    std::string list;
+    for (std::string_view k : known) list += (list.empty() ? "" : ", ") + std::string(k) + (k.ends_with('.') ? "N" : "");
+    faults.push_back(fault("post.option", "cell.yaml: controller." + key, "is not known; there are " + list));
+  }
+}
+
 namespace {
 
 bool is_ascii_line(std::string_view s) {

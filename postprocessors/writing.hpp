@@ -52,6 +52,10 @@ std::optional<std::string> option(const PostContext& context, const std::string&
 /// The whole number in an option; refuses (post.option) what is none or outside [lo, hi].
 Result<int> option_int(const PostContext& context, const std::string& key, int otherwise, int lo, int hi);
 
+/// A refusal (post.option) for every key of the controller's block that this dialect does not know; a known key that ends with a
+/// point stands for all that begin with it.
+void check_options(const PostContext& context, std::string_view block, const std::vector<std::string_view>& known, Refusals& faults);
+
 /// Where a program may be cut into modules: [begin, end) runs of instructions, each beginning with a joint move, so that every
 /// cut is at a joint target away from the work. `weight` lines an instruction may take; a run holds at most `limit` where it can.
 std::vector<std::pair<std::size_t, std::size_t>> split(const Program& program, int weight, int limit);

@@ -134,7 +134,7 @@ struct Linter {
         } else if (word == "ATTR") {
           step(6);
           for (std::string_view a : fields(rest)) has_rj |= a == "RJ";
-          if (has_rj && !has_option("inform.relative_jobs")) f.add("I-07", line, "RJ without controller.inform.relative_jobs");
+          if (has_rj) f.add("I-07", line, "a relative job (RJ): not written and not read here");
         } else if (word == "FRAME") {
           step(6), has_frame = true;
         } else if (word == "GROUP1" || word == "LVARS" || word == "FOLDERNAME") {

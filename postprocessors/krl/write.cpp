@@ -158,6 +158,7 @@ void write_start(Lines& out, const Machine& machine) {
 
 Result<ProgramText> write(const Program& program, const PostContext& context) {
   Refusals faults = check(program, context, {.name_length = 24, .speed_min_mm_s = 0.01, .speed_max_mm_s = 2000, .wait_max_s = 3600});
+  check_options(context, "krl", {"version", "motion", "tool", "max_lines"}, faults);
   Machine machine;
   const auto choose = [&](const char* key, const char* usual, const char* other, bool& is_other) {
     const std::string value = option(context, key).value_or(usual);
