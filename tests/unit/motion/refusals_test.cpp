@@ -2,6 +2,9 @@
 // Every refusal of this room, provoked.
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <string>
+
 #include "planner/plan/motion/motion.hpp"
 #include "tests/unit/motion/small_cell.hpp"
 
@@ -36,6 +39,19 @@ TEST(MotionRefusals, OutsideTheJointLimits) {
   const Refusal r = refusal_of(c);
   EXPECT_EQ(r.code, "motion.joint_limit");
   EXPECT_NE(r.message.find("joint 5"), std::string::npos) << r.message;
+}
+
+TEST(MotionRefusals, HalfAnEdgeBeyondAJointLimit) {
+  // an edge across the arm's front; joint 1 (which counts against base z) may not follow to its far half
+  SmallCell c = small_cell();
+  c.path.passes = {test::edge_pass({0, 60, 40}, {0, 0, 40}, Vec3::UnitX())};
+  c.job.cell.robot.joints[0].max_rad = std::atan2(0.0, 1180.0) + 0.02 + 0.001;
+  const Refusal r = refusal_of(c);
+  EXPECT_EQ(r.code, "motion.joint_limit");
+  EXPECT_NE(r.message.find("joint 1"), std::string::npos) << r.message;
+  const std::string mm = r.where.substr(r.where.rfind(" at ") + 4);
+  EXPECT_GT(std::stod(mm), 20) << r.where;
+  EXPECT_LT(std::stod(mm), 45) << r.where;
 }
 
 TEST(MotionRefusals, AtTheEndOfTheStretchedArm) {
