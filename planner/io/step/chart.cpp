@@ -232,6 +232,20 @@ Lifted unrolled(const Lifted& l, std::size_t k, double turn) {
   return out;
 }
 
+/// The loop walked backwards; `turn` is the period it then advances by.
+void reverse(Lifted& l, double turn) {
+  Lifted out;
+  for (std::size_t i = 0; i < l.size(); ++i) {
+    LiftedPoint p = l[(l.size() - i) % l.size()];
+    const LiftedPoint& piece = l[l.size() - 1 - i];  // the piece that ended here now starts here
+    p.has_mid = piece.has_mid, p.uv_mid = piece.uv_mid, p.p_mid = piece.p_mid, p.edge = piece.edge, p.t_a = piece.t_b, p.t_b = piece.t_a;
+    if (i > 0) p.uv.x() += turn;
+    p.uv_mid.x() += turn;
+    out.push_back(p);
+  }
+  l = std::move(out);
+}
+
 struct Builder {
   const Body& body;
   const TopoFace& face;
@@ -290,7 +304,7 @@ struct Builder {
   }
 
   void sphere(std::vector<Lifted>& loops, const SphereSurface& s) {
-    // Any loop: the point opposite to its area vector lies on its right side, outside the face.
+    // The centre of projection has to lie outside the face. First try: opposite to the area vector of the largest loop.
     std::size_t pick = 0;
     double best = -1;
     for (std::size_t i = 0; i < loops.size(); ++i) {
@@ -302,19 +316,52 @@ struct Builder {
     c.is_stereographic = true;
     c.radius_mm = s.radius_mm;
     c.stereo.origin = s.at.origin;
-    const Eigen::Quaterniond q = quat_from_z(a.norm() > 0 ? Vec3(a.normalized()) : Vec3::UnitZ(), s.at.x);
+    const double area = a.norm() > 1e-9 * s.radius_mm * s.radius_mm ? project_sphere(loops, s, a.normalized()) : -1;
+    if (area <= 0) {
+      // The loop is no cap (or the point was inside): a point a little to the right of a border, as far from all borders as one finds.
+      Vec3 center = -a.normalized();
+      double far = 0;
+      for (const Lifted& l : loops)
+        for (std::size_t i = 0; i < l.size(); i += std::max<std::size_t>(1, l.size() / 16)) {
+          const Vec3 p = (l[i].p - s.at.origin).normalized(), t = (l[(i + 1) % l.size()].p - l[i].p).normalized();
+          const Vec3 right = t.cross(p);
+          for (double delta : {0.5, 0.2, 0.08, 0.03, 0.01}) {
+            if (delta < far) break;
+            const Vec3 q = (p * std::cos(delta) + right * std::sin(delta)).normalized();
+            double nearest = 10;
+            for (const Lifted& m : loops)
+              for (const LiftedPoint& w : m) nearest = std::min(nearest, (q - (w.p - s.at.origin).normalized()).norm());
+            if (nearest > 0.8 * delta && nearest > far) far = nearest, center = q;
+          }
+        }
+      if (far > 0) project_sphere(loops, s, -center);
+      else if (area == -1) {
+        out.fault = "no point of the sphere outside the face was found";
+        return;
+      }
+    }
+    push(loops);
+  }
+
+  /// Stereographic image of the loops with z away from the centre of projection; the signed area they enclose comes back.
+  double project_sphere(std::vector<Lifted>& loops, const SphereSurface& s, const Vec3& z) {
+    Chart& c = out.chart;
+    const Eigen::Quaterniond q = quat_from_z(z, s.at.x);
     c.stereo.x = q * Vec3::UnitX(), c.stereo.y = q * Vec3::UnitY(), c.stereo.z = q * Vec3::UnitZ();
     const auto to_q = [&](const Vec3& p) {
       const Vec3 r = (p - s.at.origin).normalized();
       const double h = std::max(1e-9, 1 + r.dot(c.stereo.z));
       return Vec2(2 * s.radius_mm * r.dot(c.stereo.x) / h, 2 * s.radius_mm * r.dot(c.stereo.y) / h);
     };
-    for (Lifted& l : loops)
+    double area = 0;
+    for (Lifted& l : loops) {
       for (LiftedPoint& p : l) {
         p.uv = to_q(p.p);
         if (p.has_mid) p.uv_mid = to_q(p.p_mid);
       }
-    push(loops);
+      area += signed_area(l);
+    }
+    return area;
   }
 
   void band(std::vector<Lifted> winding, std::vector<Lifted> plain, std::vector<int> turns, double period, double period_other,
@@ -322,6 +369,10 @@ struct Builder {
     if (is_turned) {
       for (Lifted& l : winding) turn_quarter(l);
       for (Lifted& l : plain) turn_quarter(l);
+    }
+    if (winding.size() == 2 && turns[0] == turns[1] && std::abs(turns[0]) == 1) {  // one of them is given the wrong way round
+      reverse(winding[1], -turns[1] * period);
+      turns[1] = -turns[1];
     }
     if (winding.size() == 2 && turns[0] == -turns[1] && std::abs(turns[0]) == 1) {
       Lifted &low = winding[turns[0] == 1 ? 0 : 1], &high = winding[turns[0] == 1 ? 1 : 0];
@@ -358,6 +409,9 @@ struct Builder {
         if (!is_turned && p.axis == 1 && p.is_high == to_high) pole = &p;
         if (is_turned && p.axis == 0 && p.is_high == !to_high) pole = &p;  // turned: y = -u
       }
+      if (!pole)  // the only pole is on the other side: the loop is given the wrong way round
+        for (const Pole& p : poles)
+          if (p.axis == (is_turned ? 0 : 1)) pole = &p;
       if (!pole) {
         out.fault = "a loop runs once around the surface and there is no pole on its inner side";
         return;

@@ -80,6 +80,7 @@ int PlanarMesh::build(const std::vector<Vec2>& points, const std::vector<std::ar
     if (++m.count[key_of(a->info().k, b->info().k)] > 1) continue;
     m.cdt.insert_constraint(a, b);
   }
+  m.hint = m.handles.empty() ? Cdt::Face_handle() : m.handles[0]->face();  // constraints remove faces
   const std::size_t added = m.cdt.number_of_vertices() - vertices_before;
   faults += static_cast<int>(added);
   if (added)

@@ -158,8 +158,20 @@ TEST(StepRefusal, DuplicateIdsAreNamedAndTheFirstCounts) {
 
 TEST(StepRefusal, MutationsNeverCrash) {
   StepText s;
-  s.part({test::add_box(s, {0, 0, 0}, {30, 20, 10}), test::add_seamless_cylinder(s, 3, 50)});
+  const int v = s.vertex({4, 0, 3}), e = s.edge(v, v, s.circle({0, 0, 3}, Vec3::UnitZ(), Vec3::UnitX(), 4));
+  const std::string at = s.ref(s.axes({0, 0, 0}, Vec3::UnitZ(), Vec3::UnitX()));
+  const int ball = s.face({s.bound({e})}, s.add("SPHERICAL_SURFACE(''," + at + ",5.)"));
+  const int cone = s.face({s.bound({-e}), s.vertex_bound(s.vertex({0, 0, 0}))}, s.add("CONICAL_SURFACE(''," + at + ",0.,0.9272952180016122)"));
+  const int ring = s.face({s.vertex_bound(v)}, s.add("TOROIDAL_SURFACE(''," + at + ",10.,3.)"));
+  s.part({test::add_box(s, {0, 0, 0}, {30, 20, 10}), test::add_seamless_cylinder(s, 3, 50), s.solid({ball, cone}), s.solid({ring})});
   const std::string text = s.text();
+  {
+    const auto whole = read_step(text, "good.step");
+    ASSERT_TRUE(whole);
+    EXPECT_EQ(whole->artefact.open_edges_count, 0);
+    EXPECT_TRUE(whole->artefact.unread.empty());
+    EXPECT_NEAR(whole->artefact.volume_mm3, 6000 + kPi * 9 * 50 + (kPi * 4 * (15 - 2) / 3 + kPi * 16 * 3 / 3) + 2 * kPi * kPi * 10 * 9, 1.5);
+  }
   Random random(11);
   const auto t0 = std::chrono::steady_clock::now();
   StepOptions options;

@@ -134,6 +134,41 @@ TEST(Synthetic, SphereCapsOverAndBesideThePole) {
   }
 }
 
+TEST(Synthetic, SphereCutByACrossedTrough) {
+  const double R = 10, d = 6, z = std::sqrt(R * R - 2 * d * d), r = std::sqrt(R * R - d * d);
+  StepText s;
+  // Four arcs in the planes x = +-d, y = +-d, two of them around the far side: a border that is far from any cap.
+  const Vec3 top[4] = {{d, d, z}, {-d, d, z}, {-d, -d, z}, {d, -d, z}};
+  int v[4];
+  for (int k = 0; k < 4; ++k) v[k] = s.vertex(top[k]);
+  const int e0 = s.edge(v[0], v[1], s.circle({0, d, 0}, Vec3::UnitY(), Vec3::UnitX(), r)); 
+  const int e1 = s.edge(v[1], v[2], s.circle({-d, 0, 0}, Vec3::UnitX(), Vec3::UnitY(), r));
+  const int e2 = s.edge(v[2], v[3], s.circle({0, -d, 0}, -Vec3::UnitY(), Vec3::UnitX(), r));
+  const int e3 = s.edge(v[3], v[0], s.circle({d, 0, 0}, -Vec3::UnitX(), Vec3::UnitY(), r));
+  const int sphere = s.add("SPHERICAL_SURFACE(''," + s.ref(s.axes({0, 0, 0}, Vec3::UnitX(), Vec3::UnitY())) + ",10.)");
+  s.part({s.solid({s.face({s.bound({e0, e1, e2, e3})}, sphere), s.face({s.bound({-e3, -e2, -e1, -e0})}, sphere)})});
+  const Brep b = read(s).artefact;
+  EXPECT_EQ(b.open_edges_count, 0);
+  EXPECT_NEAR(b.area_mm2, 4 * kPi * R * R, 0.005 * 4 * kPi * R * R);  // both sides of the border together
+  for (const BrepEdge& e : b.edges) EXPECT_EQ(e.kind, EdgeKind::smooth);
+}
+
+TEST(Synthetic, BandWithOneBoundTheWrongWayRound) {
+  StepText s;
+  const int solid = test::add_seamless_cylinder(s, 8, 25);
+  s.part({solid});
+  std::string text = s.text();
+  // The side's second bound is the fourth FACE_BOUND written before the shell: turn its orientation.
+  const std::size_t face = text.find("ADVANCED_FACE('',(");
+  const std::size_t comma = text.find(',', face + 18), close = text.find(')', comma);
+  const std::string second = text.substr(comma + 1, close - comma - 1);
+  const std::size_t at = text.find("\n" + second + "=FACE_BOUND"), flag = text.find(",.T.)", at);
+  text.replace(flag, 5, ",.F.)");
+  const auto r = read_step(text, "made.step");
+  ASSERT_TRUE(r);
+  EXPECT_NEAR(r->artefact.volume_mm3, kPi * 64 * 25, 1e-3 * kPi * 64 * 25);
+}
+
 TEST(Synthetic, ConeToItsApexByVertexLoopAndBySeam) {
   for (bool has_seam : {false, true}) {
     StepText s;
