@@ -127,11 +127,13 @@ struct Writer {
   }
   void operator()(const MoveJoint& m) {
     is_arc_last = is_start_given = false;
-    q_rad = m.q_rad;
     T_now.reset();
     std::string values;
-    for (int i = 0; i < 6; ++i)
-      values += (i ? "," : "") + std::to_string(std::llround(deg_from_rad(m.q_rad[i]) * machine.pulses_per_degree[i]));
+    for (int i = 0; i < 6; ++i) {
+      const long long pulses = std::llround(deg_from_rad(m.q_rad[i]) * machine.pulses_per_degree[i]);
+      values += (i ? "," : "") + std::to_string(pulses);
+      q_rad[i] = rad_from_deg(static_cast<double>(pulses) / machine.pulses_per_degree[i]);  // the posture is that of what is printed
+    }
     job.instructions.add("MOVJ " + next_position(true, values) + " VJ=" + fixed_number(m.speed_ratio * 100, 2) + " PL=0");
   }
   void operator()(const MoveLinear& m) {
