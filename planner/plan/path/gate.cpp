@@ -70,26 +70,29 @@ GateResult judge_edge(const AdaptedEdge& edge, const std::vector<CutterPlacement
   g.probability_ratio.resize(n);
   const double interpolation = terms.interpolation_mm * terms.interpolation_mm / 3;  // uniform
   const double scatter = terms.scatter_mm * terms.scatter_mm;
-  double length = 0, within = 0, v_edge = 0, v_tool = 0;
+  must(terms.posture.empty() || terms.posture.size() == n, "posture covariances are not parallel");
+  double length = 0, within = 0, v_edge = 0, v_tool = 0, v_posture = 0;
   g.whole_ratio = 1;
   for (std::size_t i = 0; i < n; ++i) {
-    const Mat3 total = edge.covariance[i] + terms.tool + (scatter + interpolation) * Mat3::Identity();
+    const Mat3 posture = terms.posture.empty() ? Mat3(Mat3::Zero()) : terms.posture[i];
+    const Mat3 total = edge.covariance[i] + terms.tool + posture + (scatter + interpolation) * Mat3::Identity();
     const double p = leg_probability(at[i], total, recipe.width_mm, recipe.tolerance_mm);
     g.probability_ratio[i] = p;
     if (p < g.whole_ratio) g.whole_ratio = p, g.worst_station = i;
     g.gouge_worst_ratio = std::max(g.gouge_worst_ratio, gouge_probability(at[i], total, recipe.width_mm, recipe.tolerance_mm, damage));
     const double before = i > 0 ? edge.s_mm[i] - edge.s_mm[i - 1] : 0, after = i + 1 < n ? edge.s_mm[i + 1] - edge.s_mm[i] : 0;
     const double weight = 0.5 * (before + after);
-    length += weight, within += weight * p;
+    length += weight, within += weight * p, v_posture += weight * at[i].m.dot(posture * at[i].m);
+    g.bias_mm = std::max({g.bias_mm, std::abs(at[i].leg_1_mm - recipe.width_mm), std::abs(at[i].leg_2_mm - recipe.width_mm)});
     v_edge += weight * at[i].m.dot(edge.covariance[i] * at[i].m), v_tool += weight * at[i].m.dot(terms.tool * at[i].m);
   }
   if (length > 0) {
     g.share_ratio = within / length;
-    v_edge /= length, v_tool /= length;
-    const double total = v_edge + v_tool + scatter + interpolation;
+    v_edge /= length, v_tool /= length, v_posture /= length;
+    const double total = v_edge + v_tool + v_posture + scatter + interpolation;
     g.sd_mm = std::sqrt(total);
     if (total > 0)
-      g.share_edge = v_edge / total, g.share_tool = v_tool / total, g.share_scatter = scatter / total,
+      g.share_edge = v_edge / total, g.share_tool = v_tool / total, g.share_posture = v_posture / total, g.share_scatter = scatter / total,
       g.share_interpolation = interpolation / total;
   }
   return g;

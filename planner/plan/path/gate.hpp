@@ -16,6 +16,7 @@ struct GateTerms {
   Mat3 tool = Mat3::Zero();            // of the tip, in part, mm^2
   double scatter_mm = 0;               // 1 sd per axis of the robot between two motions
   double interpolation_mm = 0;         // half range of the path's chord error
+  std::vector<Mat3> posture;           // by station: of cutting in another posture than the reference; empty: none
 };
 GateTerms gate_terms(const Job& job, const ToolSpec& tool, const Mat3& R_part_tool, double path_tolerance_mm);
 
@@ -31,7 +32,8 @@ struct GateResult {
   double gouge_worst_ratio = 0;
   std::size_t worst_station = 0;
   // shares of the mean variance along the chamfer's normal
-  double share_edge = 0, share_tool = 0, share_scatter = 0, share_interpolation = 0, sd_mm = 0;
+  double share_edge = 0, share_tool = 0, share_scatter = 0, share_interpolation = 0, share_posture = 0, sd_mm = 0;
+  double bias_mm = 0;                     // how far the planned legs themselves are from the width, at most
 };
 GateResult judge_edge(const AdaptedEdge& edge, const std::vector<CutterPlacement>& at, const Recipe& recipe, const GateTerms& terms,
                       double damage_mm);

@@ -9,6 +9,7 @@
 #include "planner/plan/path/chain.hpp"
 #include "planner/plan/path/gate.hpp"
 #include "planner/plan/path/pass.hpp"
+#include "planner/plan/path/posture.hpp"
 #include "planner/plan/path/tool_fit.hpp"
 
 namespace asbuilt {
@@ -135,6 +136,7 @@ Refusal gate_refusal(const AdaptedEdge& e, const GateResult& g, const Recipe& r,
   };
   Term terms[] = {{g.share_edge, "measured edge", "add a detail scan of this edge from the working orientation"},
                   {g.share_scatter, "robot scatter", "widen the tolerance: the robot's own scatter decides"},
+                  {g.share_posture, "robot away from its scanning posture", "scan this edge with the tool's axis as it will cut"},
                   {g.share_tool, "tool calibration", "calibrate the tool again with more orientations"},
                   {g.share_interpolation, "path chord", "lower path_tolerance"}};
   std::stable_sort(std::begin(terms), std::end(terms), [](const Term& a, const Term& b) { return a.share > b.share; });
@@ -144,7 +146,11 @@ Refusal gate_refusal(const AdaptedEdge& e, const GateResult& g, const Recipe& r,
   std::string message = is_damage ? "a cut deeper than damage allows has probability " + fixed_number(g.gouge_worst_ratio, 5)
                                   : percent(g.share_ratio) + " of the edge is expected in tolerance, the gate asks for " +
                                         percent(r.gate_probability_ratio);
-  message += "; sd across the chamfer " + fixed_number(g.sd_mm, 3) + " mm (" + budget + "); cheapest: " + terms[0].fix;
+  message += "; sd across the chamfer " + fixed_number(g.sd_mm, 3) + " mm (" + budget + "); cheapest: ";
+  if (g.bias_mm > 0.5 * r.tolerance_mm)
+    message += "another tool axis or cutter angle, for the legs differ from the width by " + fixed_number(g.bias_mm, 2) + " mm as planned";
+  else
+    message += terms[0].fix;
   return {.code = "path.gate",
           .where = edge_place(e, e.s_mm[g.worst_station]),
           .message = message,
@@ -181,7 +187,7 @@ void check_placements(const AdaptedEdge& e, const PlacedEdge& p, const Recipe& r
 class Planner {
  public:
   Planner(const PathRecipe& recipe, const Job& job, const Location& location, const Features& features, const Burrs& burrs)
-      : recipe_(recipe), job_(job), location_(location), features_(features), burrs_(burrs) {}
+      : recipe_(recipe), job_(job), location_(location), features_(features), burrs_(burrs), posture_(job, location, features) {}
 
   Result<Done<ToolPath>> run() {
     must(burrs_.edges.size() == features_.edges.size(), "burrs are not parallel to the edges");
@@ -211,6 +217,7 @@ class Planner {
   const Burrs& burrs_;
   std::vector<EdgeFacts> facts_;
   std::vector<Span> spans_;
+  PostureError posture_;
   MeshQuery part_;
   Refusals refusals_;
   Done<ToolPath> out_;
@@ -292,7 +299,9 @@ class Planner {
                            r.width_mm, 0, w.contact_ratio);
     }
     const Mat3 R_part_tool = quat_from_z(-w.up_wanted, Vec3::UnitX()).toRotationMatrix();
-    const GateResult g = judge_edge(e, at, r, gate_terms(job_, *w.tool, R_part_tool, r.path_tolerance_mm), recipe_.damage_mm);
+    GateTerms terms = gate_terms(job_, *w.tool, R_part_tool, r.path_tolerance_mm);
+    terms.posture = posture_of(w, at);
+    const GateResult g = judge_edge(e, at, r, terms, recipe_.damage_mm);
     EdgeFacts& facts = facts_[static_cast<std::size_t>(k)];
     facts.probability_ratio = g.probability_ratio;
     facts.burr = burr_bounds(burr(k), r.burr_max_height_mm, w.burr_thickness_mm);
@@ -313,6 +322,22 @@ class Planner {
            "edge " + e.id + ": " + percent(g.share_ratio) + " expected in tolerance, sd across the chamfer " + fixed_number(g.sd_mm, 3) + " mm",
            "edge " + e.id);
     }
+  }
+
+  /// At a few stations; those between take the nearest one's.
+  std::vector<Mat3> posture_of(const FeatureWork& w, const std::vector<CutterPlacement>& at) {
+    constexpr std::size_t kLooks = 5;
+    std::vector<Mat3> out(at.size());
+    bool is_any = false;
+    for (std::size_t k = 0; k < kLooks; ++k) {
+      const std::size_t begin = k * at.size() / kLooks, end = (k + 1) * at.size() / kLooks;
+      if (begin == end) continue;
+      const CutterPlacement& a = at[(begin + end) / 2];
+      const Mat3 c = posture_.covariance(*w.tool, w.feature->id, a.tip, a.up);
+      is_any = is_any || c.trace() > 0;
+      for (std::size_t i = begin; i < end; ++i) out[i] = c;
+    }
+    return is_any ? out : std::vector<Mat3>();
   }
 
   std::vector<PlacedEdge> place_all(const FeatureWork& w, const std::vector<int>& edges, double offset) const {
