@@ -18,7 +18,7 @@ struct PathRecipe {
   double stray_max_mm = 0.05;               // how deep the cutter may go into the drawing's part away from the edges
   double damage_mm = 0.10;                  // deeper than the deepest good chamfer by this is damage ...
   double damage_probability_max_ratio = 1e-2;  // ... and must be this unlikely at every station
-  double end_left_max_mm = 0.8;             // what may stay uncut at an end that the cutter cannot reach
+  double end_left_max_mm = 1.001;            // what may stay uncut at an end that the cutter cannot reach
   template <class S, class A>
   static void visit(S& s, A&& a) {
     a("contact_height", s.contact_height_ratio), a("contact_height_min", s.contact_height_min_ratio), a("clear", s.clear_mm);

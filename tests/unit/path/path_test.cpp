@@ -10,6 +10,7 @@
 #include "planner/plan/path/chamfer.hpp"
 #include "planner/plan/path/gate.hpp"
 #include "tests/unit/path/world.hpp"
+#include "tests/unit/verify/item.hpp"
 
 namespace asbuilt {
 namespace {
@@ -179,6 +180,81 @@ TEST(Path, a_ring_edge_is_closed_over_its_start) {
   }
 }
 
+/// A disc with a hole, top at z = 0.
+Mesh holed_disc(double hole_mm, double outer_mm, int n) {
+  Mesh m;
+  for (int k = 0; k < n; ++k) {
+    const double a = 2 * kPi * k / n;
+    const Vec3 r(std::cos(a), std::sin(a), 0);
+    for (const Vec3& p : {Vec3(hole_mm * r), Vec3(outer_mm * r), Vec3(outer_mm * r - Vec3(0, 0, 10)), Vec3(hole_mm * r - Vec3(0, 0, 10))}) m.vertices.push_back(p);
+  }
+  for (int k = 0; k < n; ++k)
+    for (int i = 0; i < 4; ++i) {
+      const int a = 4 * k + i, b = 4 * k + (i + 1) % 4, c = 4 * ((k + 1) % n) + i, d = 4 * ((k + 1) % n) + (i + 1) % 4;
+      m.triangles.push_back({a, b, d}), m.triangles.push_back({a, d, c});
+    }
+  return m;
+}
+
+TEST(Path, the_edge_of_a_hole_is_cut_from_inside_without_touching_its_wall) {
+  for (double hole : {8.0, 15.0}) {
+    World w = box_world();
+    w.features.edges.clear(), w.burrs.edges.clear();
+    w.job.part.brep.mesh = holed_disc(hole, 40, 256);
+    w.add(make_edge("#9", "top", 2 * kPi * hole, [&](double t, Vec3& p, Vec3& tau, Vec3& n_1, Vec3& n_2) {
+      const double a = 2 * kPi * t;
+      const Vec3 r(std::cos(a), std::sin(a), 0);
+      p = hole * r, tau = Vec3(-std::sin(a), std::cos(a), 0), n_1 = Vec3::UnitZ(), n_2 = -r;
+    }, 0.03, true));
+    const auto r = plan(w);
+    ASSERT_TRUE(r) << r.error().front().message;
+    for (const PathPoint& p : r->artefact.passes[0].points) EXPECT_LT(p.tip_part.head<2>().norm(), hole);
+    const AdaptedEdge& e = w.features.edges[0];
+    for (std::size_t i = 0; i < e.s_mm.size(); i += 5) {
+      const EdgeStation s{e.adapted[i], e.tangent[i], e.n_1[i], e.n_2[i]};
+      EXPECT_NEAR(swept_leg(r->artefact, testing::cone_cutter(), s.p, into_face(s, 1)), 0.4, 0.03);
+      EXPECT_NEAR(swept_leg(r->artefact, testing::cone_cutter(), s.p, into_face(s, 2)), 0.4, 0.03);
+    }
+  }
+  World narrow = box_world();
+  narrow.features.edges.clear(), narrow.burrs.edges.clear();
+  narrow.job.part.brep.mesh = holed_disc(0.3, 40, 256);
+  narrow.add(make_edge("#9", "top", 2 * kPi * 0.3, [&](double t, Vec3& p, Vec3& tau, Vec3& n_1, Vec3& n_2) {
+    const double a = 2 * kPi * t;
+    const Vec3 r(std::cos(a), std::sin(a), 0);
+    p = 0.3 * r, tau = Vec3(-std::sin(a), std::cos(a), 0), n_1 = Vec3::UnitZ(), n_2 = -r;
+  }, 0.03, true));
+  EXPECT_EQ(code_of(plan(narrow)), "path.tool_does_not_fit");
+}
+
+TEST(Path, the_sharp_corners_of_a_pocket_are_reached_with_the_lower_flank_or_refused) {
+  // a pocket 40 x 20 x 10 in a block, as five boxes; its top edges look inward
+  World w = box_world();
+  w.features.edges.clear(), w.burrs.edges.clear();
+  Mesh& m = w.job.part.brep.mesh;
+  m = box_mesh({-30, -30, -20}, {70, 0, 0});
+  append(m, box_mesh({-30, 20, -20}, {70, 50, 0}));
+  append(m, box_mesh({-30, 0, -20}, {0, 20, 0}));
+  append(m, box_mesh({40, 0, -20}, {70, 20, 0}));
+  append(m, box_mesh({0, 0, -20}, {40, 20, -10}));
+  const Vec3 up = Vec3::UnitZ(), x = Vec3::UnitX(), y = Vec3::UnitY();
+  w.add(line_edge("#1", "top", {0, 0, 0}, {40, 0, 0}, up, y));
+  w.add(line_edge("#2", "top", {40, 0, 0}, {40, 20, 0}, up, -x));
+  w.add(line_edge("#3", "top", {40, 20, 0}, {0, 20, 0}, up, -y));
+  w.add(line_edge("#4", "top", {0, 20, 0}, {0, 0, 0}, up, x));
+  const auto r = plan(w);
+  ASSERT_TRUE(r) << r.error().front().message;
+  for (const AdaptedEdge& e : w.features.edges)
+    for (double s_mm : {1.5, 5.0, e.s_mm.back() - 1.5}) {
+      const auto i = static_cast<std::size_t>(std::lround(s_mm / e.s_mm.back() * static_cast<double>(e.s_mm.size() - 1)));
+      const EdgeStation s{e.adapted[i], e.tangent[i], e.n_1[i], e.n_2[i]};
+      EXPECT_GT(swept_leg(r->artefact, testing::cone_cutter(), s.p, into_face(s, 1)), 0.3) << e.id << " " << s_mm;
+      EXPECT_LT(swept_leg(r->artefact, testing::cone_cutter(), s.p, into_face(s, 1)), 0.55) << e.id << " " << s_mm;
+    }
+  w.job.cell.tools[0].cutter.tip_diameter_mm = 4;  // too blunt for the corners
+  EXPECT_EQ(code_of(plan(w)), "path.tool_does_not_fit");
+}
+
 TEST(Path, refuses_a_wall_beside_the_end_of_an_edge) {
   World w = box_world();
   w.features.edges.resize(1), w.burrs.edges.resize(1);
@@ -274,6 +350,23 @@ TEST(Gate, a_named_person_may_pass_one_edge_until_the_day_it_expires) {
   bool is_noted = false;
   for (const Note& n : r->notes) is_noted = is_noted || (n.code == "path.gate_override" && n.text.find("A. Turner") != std::string::npos);
   EXPECT_TRUE(is_noted);
+}
+
+TEST(Gate, a_tool_tilted_away_from_the_scanning_posture_brings_the_arms_error_in) {
+  World w = box_world(0.02);
+  w.job.cell.robot = testing::six_axis_arm();
+  w.job.cell.robot.accuracy.absolute = {0.42, 0.2}, w.job.cell.robot.accuracy.short_term = {0.02, 0.01};
+  w.job.recipes[0].orientation = OrientationMode::tilt, w.job.recipes[0].cone_rad = rad_from_deg(30);
+  w.job.cell.tools[0].cutter.included_angle_rad = rad_from_deg(60);  // has to lean 15 degrees for a 45 degree chamfer
+  EXPECT_TRUE(plan(w));                                              // no reference: nothing is known about it
+  Pose<frame::Base, frame::Tool> reference(quat_from_z(-Vec3::UnitZ(), Vec3::UnitX()), w.location.T_base_part.point(Vec3(30, 20, 0)));
+  w.features.T_base_tool_reference["top"] = reference;
+  const auto r = plan(w);
+  ASSERT_EQ(code_of(r), "path.gate");
+  EXPECT_NE(r.error().front().message.find("scanning posture"), std::string::npos);
+  // upright, the same job is as good as measured
+  w.job.recipes[0].orientation = OrientationMode::fixed, w.job.cell.tools[0].cutter.included_angle_rad = rad_from_deg(90);
+  EXPECT_TRUE(plan(w));
 }
 
 TEST(Gate, probability_is_that_of_the_normal_law) {
