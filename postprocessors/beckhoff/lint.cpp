@@ -53,6 +53,7 @@ struct Linter {
   bool is_trafo = false, is_cs = false, is_mcs = false, is_hsc = false, is_ptp = false, is_spinning = false, has_speed = false;
   std::set<int> head;
   double last_number = -1, step = 0;
+  bool has_unnumbered = false;
   int motion = -1, plane = 17;
   bool has_feed = false, is_centre_absolute = false;
   std::map<char, double> now;
@@ -87,8 +88,9 @@ struct Linter {
       code.remove_prefix(j);
       while (!code.empty() && code.front() == ' ') code.remove_prefix(1);
       if (code.empty()) return;
-    } else if (last_number >= 0 && !is_in_sub) {
-      f.add("B-09", line, "a block without a number among numbered ones: a line may be lost");
+    } else if (!is_in_sub) {
+      has_unnumbered = true;
+      if (last_number >= 0) f.add("B-09", line, "a block without a number among numbered ones: a line may be lost");
     }
     if (code.front() == '#') return command(line, code);
     if (code.find('#') != std::string_view::npos) f.add("B-03", line, "a # command must stand alone in its block");
@@ -106,7 +108,7 @@ struct Linter {
   void numbered(const Line& line, double number) {
     if (number <= last_number) f.add("B-09", line, "block numbers do not rise");
     if (last_number >= 0 && step == 0) step = number - last_number;
-    if (last_number < 0 ? has_motion : number - last_number != step) f.add("B-09", line, "a gap in the block numbers: a line may be lost");
+    if (last_number < 0 ? has_unnumbered : number - last_number != step) f.add("B-09", line, "a gap in the block numbers: a line may be lost");
     last_number = number;
   }
 
@@ -209,6 +211,7 @@ struct Linter {
       if (!(v['F'] > 0)) f.add("B-05", line, "F is not positive");
     }
     if (v.count('S')) has_speed = true;
+    if (v.count('T') != v.count('D')) f.add("B-12", line, "T and D stand together");
     for (int code_m : m) {
       if (code_m == 3 || code_m == 4) {
         if (!has_speed) f.add("B-12", line, "M3 before S");

@@ -146,6 +146,8 @@ const Edit kEdits[] = {
     {Language::beckhoff, "B-11", "M05", "$IF V.L.X > 1"},
     {Language::beckhoff, "B-12", "S12000 M03", "M03"},
     {Language::beckhoff, "B-12", "M05", "S0 M05"},
+    {Language::beckhoff, "B-12", "T1 D1", "D1"},
+    {Language::beckhoff, "B-09", "N10 G90", "G90"},
     {Language::beckhoff, "B-14", "G90 G71", "G71"},
     {Language::beckhoff, "B-14", "G90 G71", "G91 G71"},
 };
