@@ -21,7 +21,11 @@ void check_unit(Item& item, const Capture& c, const SensorSpec& sensor, const st
   std::nth_element(distance.begin(), distance.begin() + std::ptrdiff_t(distance.size() / 2), distance.end());
   const double median = distance[distance.size() / 2];
   if (median < sensor.range_mm[0] / 20 || median > sensor.range_mm[1] * 20)
-    item.scans.out.fault("input.cloud_unit", field, fmt::format("found points {:.4g} mm away from sensor {}, whose range is {:g} to {:g} mm: the cloud's unit is not mm", median, sensor.id, sensor.range_mm[0], sensor.range_mm[1]), median, median < sensor.range_mm[0] ? sensor.range_mm[0] : sensor.range_mm[1], "mm");
+    item.scans.out.fault(
+        "input.cloud_unit", field,
+        fmt::format("found points {:.4g} mm away from sensor {}, whose range is {:g} to {:g} mm: the cloud's unit is not mm", median,
+                    sensor.id, sensor.range_mm[0], sensor.range_mm[1]),
+        median, median < sensor.range_mm[0] ? sensor.range_mm[0] : sensor.range_mm[1], "mm");
 }
 
 void read_points(Item& item, const CaptureText& t, const std::string& field, const SensorSpec* sensor, Capture& c) {
@@ -38,11 +42,22 @@ void read_points(Item& item, const CaptureText& t, const std::string& field, con
   }
   c.points_sensor = std::move(cloud->points);
   c.dropped_count = cloud->dropped_count;
-  if (c.dropped_count) item.note("input.points_dropped", fmt::format("{} of {} points have a NaN or infinite coordinate and were dropped", c.dropped_count, c.dropped_count + c.points_sensor.size()), name, Note::Level::note);
+  if (c.dropped_count)
+    item.note("input.points_dropped",
+              fmt::format("{} of {} points have a NaN or infinite coordinate and were dropped", c.dropped_count,
+                          c.dropped_count + c.points_sensor.size()),
+              name, Note::Level::note);
   if (c.points_sensor.empty())
-    item.faults.push_back({.code = "input.cloud_empty", .where = name, .message = fmt::format("found no valid point ({} with a NaN or infinite coordinate), allowed at least one; take the scan again", c.dropped_count), .measured = 0, .limit = 1, .unit = "points", .stage = "input"});
-  else if (sensor)
-    check_unit(item, c, *sensor, field);
+    item.faults.push_back(
+        {.code = "input.cloud_empty",
+         .where = name,
+         .message = fmt::format("found no valid point ({} with a NaN or infinite coordinate), allowed at least one; take the scan again",
+                                c.dropped_count),
+         .measured = 0,
+         .limit = 1,
+         .unit = "points",
+         .stage = "input"});
+  else if (sensor) check_unit(item, c, *sensor, field);
 }
 
 }  // namespace
@@ -60,18 +75,25 @@ std::vector<Capture> captures_of(Item& item, const CellSpec& cell) {
     const SensorSpec* sensor = nullptr;
     for (std::size_t k = 0; k < cell.sensors.size(); ++k)
       if (cell.sensors[k].id == t.sensor) c.sensor = int(k), sensor = &cell.sensors[k];
-    if (!sensor && !t.sensor.empty() && item.cell.is_read) s.out.fault("input.unknown_sensor", at + ".sensor", "found the sensor '" + t.sensor + "', allowed one that " + item.cell.out.name + " has");
+    if (!sensor && !t.sensor.empty() && item.cell.is_read)
+      s.out.fault("input.unknown_sensor", at + ".sensor",
+                  "found the sensor '" + t.sensor + "', allowed one that " + item.cell.out.name + " has");
     if (sensor && !sensor->is_calibrated && item.calibration.is_read && !item.calibration.value.sensors.count(sensor->id))
-      s.out.fault("input.sensor_not_calibrated", at + ".sensor", "found a capture of sensor '" + t.sensor + "', which " + item.calibration.out.name + " does not name; calibrate it: without its covariance nothing can be said about the scan");
+      s.out.fault("input.sensor_not_calibrated", at + ".sensor",
+                  "found a capture of sensor '" + t.sensor + "', which " + item.calibration.out.name +
+                      " does not name; calibrate it: without its covariance nothing can be said about the scan");
     if (t.frames || t.profiles) {
-      s.out.fault(t.frames ? "input.depth_stream_not_supported" : "input.profile_stream_not_supported", at, std::string("found a stream of ") + (t.frames ? "depth frames" : "profiles") + ", which this version cannot fuse; allowed snapshots: {sensor, cloud, base_flange}");
+      s.out.fault(t.frames ? "input.depth_stream_not_supported" : "input.profile_stream_not_supported", at,
+                  std::string("found a stream of ") + (t.frames ? "depth frames" : "profiles") +
+                      ", which this version cannot fuse; allowed snapshots: {sensor, cloud, base_flange}");
       continue;
     }
     if (t.feature) {
       c.feature = t.feature;
       const auto& features = item.part.value.features;
       if (item.part.is_read && std::none_of(features.begin(), features.end(), [&](const FeatureText& f) { return f.id == *t.feature; }))
-        s.out.fault("input.unknown_feature", at + ".feature", "found the feature '" + *t.feature + "', allowed one that " + item.part.out.name + " has");
+        s.out.fault("input.unknown_feature", at + ".feature",
+                    "found the feature '" + *t.feature + "', allowed one that " + item.part.out.name + " has");
     }
     if (t.base_flange && t.base_flange->joints_deg) {
       std::array<double, 6> q{};
@@ -81,7 +103,10 @@ std::vector<Capture> captures_of(Item& item, const CellSpec& cell) {
         const JointSpec& l = cell.robot.joints[j];
         if (l.min_rad < l.max_rad && (q[j] < l.min_rad - 1e-9 || q[j] > l.max_rad + 1e-9)) {
           is_inside = false;
-          s.out.fault("input.joints_outside_limits", at + ".base_flange.joints[" + std::to_string(j) + "]", fmt::format("found {:g} degree, allowed {:g} to {:g}", (*t.base_flange->joints_deg)[j], deg_from_rad(l.min_rad), deg_from_rad(l.max_rad)), (*t.base_flange->joints_deg)[j], deg_from_rad(q[j] < l.min_rad ? l.min_rad : l.max_rad), "degree");
+          s.out.fault("input.joints_outside_limits", at + ".base_flange.joints[" + std::to_string(j) + "]",
+                      fmt::format("found {:g} degree, allowed {:g} to {:g}", (*t.base_flange->joints_deg)[j], deg_from_rad(l.min_rad),
+                                  deg_from_rad(l.max_rad)),
+                      (*t.base_flange->joints_deg)[j], deg_from_rad(q[j] < l.min_rad ? l.min_rad : l.max_rad), "degree");
         }
       }
       c.q_rad = q;
@@ -100,12 +125,17 @@ std::vector<Capture> captures_of(Item& item, const CellSpec& cell) {
       c.T_base_flange = t.base_flange->pose<frame::Base, frame::Flange>();
       const double reach = t.base_flange->p_mm.norm();
       if (s.out.lines.count(at + ".base_flange") && reach < 30 && s.out.faults.empty())
-        s.out.fault("input.pose_unit", at + ".base_flange", fmt::format("found the flange {:.3g} mm from the origin of base, allowed outside the robot's own foot; lengths are mm", reach), reach, 30, "mm");
+        s.out.fault(
+            "input.pose_unit", at + ".base_flange",
+            fmt::format("found the flange {:.3g} mm from the origin of base, allowed outside the robot's own foot; lengths are mm", reach),
+            reach, 30, "mm");
     }
     if (t.cloud) {
       c.name = *t.cloud;
       if (const auto [it, is_new] = first.try_emplace(*t.cloud, at); !is_new)
-        s.out.fault("input.cloud_twice", at + ".cloud", "found the cloud '" + shown(*t.cloud) + "', which " + it->second + " names already, allowed once: one scan was not taken from two places");
+        s.out.fault("input.cloud_twice", at + ".cloud",
+                    "found the cloud '" + shown(*t.cloud) + "', which " + it->second +
+                        " names already, allowed once: one scan was not taken from two places");
       read_points(item, t, at + ".cloud", sensor, c);
     }
     captures.push_back(std::move(c));

@@ -55,7 +55,10 @@ void add_urdf(Item& item, YamlSource<CellFile>& s, RobotSpec& robot) {
     const auto [low, high] = std::pair{deg_from_rad(urdf.limits_rad[j][0]), deg_from_rad(urdf.limits_rad[j][1])};
     const JointText& t = s.value.robot.joints[j];
     if (low < high && (t.min_deg < low - 0.1 || t.max_deg > high + 0.1))
-      item.note("input.joint_limits_wider", fmt::format("joint {} may move from {:g} to {:g} degree, in the URDF only from {:.1f} to {:.1f}", j + 1, t.min_deg, t.max_deg, low, high), s.out.where(index("robot.joints", j)));
+      item.note("input.joint_limits_wider",
+                fmt::format("joint {} may move from {:g} to {:g} degree, in the URDF only from {:.1f} to {:.1f}", j + 1, t.min_deg,
+                            t.max_deg, low, high),
+                s.out.where(index("robot.joints", j)));
   }
   robot.kinematics = std::move(urdf.kinematics);
   item.has_kinematics = true;
@@ -88,15 +91,23 @@ RobotSpec robot_of(Item& item, YamlSource<CellFile>& s) {
     item.has_kinematics = s.out.faults.empty();
   }
   add_urdf(item, s, robot);
-  if (!t.joints.empty() && t.joints.size() != 6) s.out.fault("input.wrong_type", "robot.joints", "found " + std::to_string(t.joints.size()) + " joints, allowed 6", double(t.joints.size()), 6, "joints");
+  if (!t.joints.empty() && t.joints.size() != 6)
+    s.out.fault("input.wrong_type", "robot.joints", "found " + std::to_string(t.joints.size()) + " joints, allowed 6",
+                double(t.joints.size()), 6, "joints");
   for (std::size_t j = 0; j < 6 && j < t.joints.size(); ++j) {
     const JointText& q = t.joints[j];
-    robot.joints[j] = {rad_from_deg(q.min_deg), rad_from_deg(q.max_deg), rad_from_deg(q.speed_deg_s), rad_from_deg(q.acceleration_deg_s2), rad_from_deg(q.jerk_deg_s3)};
+    robot.joints[j] = {rad_from_deg(q.min_deg), rad_from_deg(q.max_deg), rad_from_deg(q.speed_deg_s), rad_from_deg(q.acceleration_deg_s2),
+                       rad_from_deg(q.jerk_deg_s3)};
     if (s.out.lines.count(index("robot.joints", j) + ".max") && !(q.min_deg < q.max_deg))
-      s.out.fault("input.joint_limits", index("robot.joints", j), fmt::format("found the limits {:g} to {:g} degree, allowed the lower one first", q.min_deg, q.max_deg), q.min_deg, q.max_deg, "degree");
+      s.out.fault("input.joint_limits", index("robot.joints", j),
+                  fmt::format("found the limits {:g} to {:g} degree, allowed the lower one first", q.min_deg, q.max_deg), q.min_deg,
+                  q.max_deg, "degree");
     robot.home_rad[j] = rad_from_deg(t.home.joints_deg[j]);
-    if (s.out.lines.count("robot.home.joints") && q.min_deg < q.max_deg && (t.home.joints_deg[j] < q.min_deg || t.home.joints_deg[j] > q.max_deg))
-      s.out.fault("input.home_outside_limits", "robot.home." + index("joints", j), fmt::format("found {:g} degree, allowed {:g} to {:g}", t.home.joints_deg[j], q.min_deg, q.max_deg), t.home.joints_deg[j], t.home.joints_deg[j] < q.min_deg ? q.min_deg : q.max_deg, "degree");
+    if (s.out.lines.count("robot.home.joints") && q.min_deg < q.max_deg &&
+        (t.home.joints_deg[j] < q.min_deg || t.home.joints_deg[j] > q.max_deg))
+      s.out.fault("input.home_outside_limits", "robot.home." + index("joints", j),
+                  fmt::format("found {:g} degree, allowed {:g} to {:g}", t.home.joints_deg[j], q.min_deg, q.max_deg), t.home.joints_deg[j],
+                  t.home.joints_deg[j] < q.min_deg ? q.min_deg : q.max_deg, "degree");
   }
   for (std::size_t i = 0; i < t.links.size(); ++i) {
     const LinkText& l = t.links[i];
@@ -109,11 +120,14 @@ RobotSpec robot_of(Item& item, YamlSource<CellFile>& s) {
   for (int j = 0; j <= 6; ++j)
     if (!drawn.count(j)) missing += (missing.empty() ? "" : ", ") + std::to_string(j);
   if (drawn.empty() && item.depth == Depth::all && item.has_kinematics && item.faults.empty())
-    s.out.fault("input.links_missing", "robot.links", "found no shape of the arm, allowed one for the base and one for each moving link: without them no collision can be seen");
+    s.out.fault("input.links_missing", "robot.links",
+                "found no shape of the arm, allowed one for the base and one for each moving link: without them no collision can be seen");
   else if (!missing.empty() && item.depth == Depth::all)
-    item.note("input.link_not_drawn", "no shape moves with joint " + missing + ": collisions of that part of the arm are not seen", s.out.where("robot.links"));
+    item.note("input.link_not_drawn", "no shape moves with joint " + missing + ": collisions of that part of the arm are not seen",
+              s.out.where("robot.links"));
   const auto mean_sd = [](const MeanSdText& m) { return MeanSd{m.mean_mm, m.sd_mm}; };
-  robot.accuracy = {mean_sd(t.accuracy.absolute), mean_sd(t.accuracy.repeatability), mean_sd(t.accuracy.short_term.value_or(t.accuracy.repeatability))};
+  robot.accuracy = {mean_sd(t.accuracy.absolute), mean_sd(t.accuracy.repeatability),
+                    mean_sd(t.accuracy.short_term.value_or(t.accuracy.repeatability))};
   return robot;
 }
 
@@ -131,7 +145,8 @@ ControllerSpec controller_of(const ControllerText& t) {
 
 }  // namespace
 
-Mesh mesh_at(Item& item, Readout& naming, const std::string& field, const fs::path& naming_file, const std::string& text, std::optional<LengthUnit> units, const SizeGate& gate, const Vec3& scale, double mm_per_unit) {
+Mesh mesh_at(Item& item, Readout& naming, const std::string& field, const fs::path& naming_file, const std::string& text,
+             std::optional<LengthUnit> units, const SizeGate& gate, const Vec3& scale, double mm_per_unit) {
   if (text.empty()) return {};
   const auto file = item.sources.resolve(naming, field, naming_file, text);
   if (!file) return {};
@@ -153,10 +168,14 @@ Mesh mesh_at(Item& item, Readout& naming, const std::string& field, const fs::pa
   }
   const double size = m.box().diagonal_mm();
   if (size < gate.min_mm || size > gate.max_mm) {
-    naming.fault("input.size_implausible", field, fmt::format("found {} with a diagonal of {:.4g} mm, allowed {:g} to {:g} mm: the unit of {} is wrong", gate.what, size, gate.min_mm, gate.max_mm, name), size, size < gate.min_mm ? gate.min_mm : gate.max_mm, "mm");
+    naming.fault("input.size_implausible", field,
+                 fmt::format("found {} with a diagonal of {:.4g} mm, allowed {:g} to {:g} mm: the unit of {} is wrong", gate.what, size,
+                             gate.min_mm, gate.max_mm, name),
+                 size, size < gate.min_mm ? gate.min_mm : gate.max_mm, "mm");
     return {};
   }
-  if (mesh->dropped_count) item.note("input.mesh_dropped", std::to_string(mesh->dropped_count) + " triangles with a NaN or infinite corner were dropped", name);
+  if (mesh->dropped_count)
+    item.note("input.mesh_dropped", std::to_string(mesh->dropped_count) + " triangles with a NaN or infinite corner were dropped", name);
   return m;
 }
 
@@ -175,13 +194,22 @@ CellSpec cell_of(Item& item, YamlSource<CellFile>& s) {
     const ToolText& t = s.value.tools[i];
     const std::string at = index("tools", i);
     unique(at + ".id", t.id);
-    if (!t.id.empty() && !numbers.insert(t.number).second) s.out.fault("input.duplicate_id", at + ".number", "found the number " + std::to_string(t.number) + " twice, allowed once");
+    if (!t.id.empty() && !numbers.insert(t.number).second)
+      s.out.fault("input.duplicate_id", at + ".number", "found the number " + std::to_string(t.number) + " twice, allowed once");
     ToolSpec tool;
     tool.id = t.id, tool.number = t.number, tool.T_flange_tool = t.flange_tool.pose<frame::Flange, frame::Tool>();
     const CutterText& c = t.cutter;
-    tool.cutter = {c.shape, rad_from_deg(c.included_angle_deg), c.shape == CutterShape::cylinder && c.tip_diameter_mm == 0 ? c.diameter_mm : c.tip_diameter_mm, c.diameter_mm, c.length_mm, c.shank_diameter_mm.value_or(c.diameter_mm), c.teeth_count};
+    tool.cutter = {c.shape,
+                   rad_from_deg(c.included_angle_deg),
+                   c.shape == CutterShape::cylinder && c.tip_diameter_mm == 0 ? c.diameter_mm : c.tip_diameter_mm,
+                   c.diameter_mm,
+                   c.length_mm,
+                   c.shank_diameter_mm.value_or(c.diameter_mm),
+                   c.teeth_count};
     if (c.shape == CutterShape::cone && c.diameter_mm > 0 && c.tip_diameter_mm >= c.diameter_mm)
-      s.out.fault("input.out_of_range", at + ".cutter.tip_diameter", fmt::format("found {:g} mm, allowed less than the diameter of {:g} mm", c.tip_diameter_mm, c.diameter_mm), c.tip_diameter_mm, c.diameter_mm, "mm");
+      s.out.fault("input.out_of_range", at + ".cutter.tip_diameter",
+                  fmt::format("found {:g} mm, allowed less than the diameter of {:g} mm", c.tip_diameter_mm, c.diameter_mm),
+                  c.tip_diameter_mm, c.diameter_mm, "mm");
     tool.spindle = {t.spindle.max_rpm, t.spindle.output, t.spindle.analog};
     if (t.mesh) tool.mesh_flange = mesh_at(item, s.out, at + ".mesh", s.file, *t.mesh, t.units, kToolGate);
     cell.tools.push_back(std::move(tool));
@@ -196,14 +224,17 @@ CellSpec cell_of(Item& item, YamlSource<CellFile>& s) {
     sensor.range_mm = t.range_mm, sensor.field_of_view_mm = t.field_of_view_mm, sensor.noise_mm = t.noise_mm;
     sensor.working_distance_mm = t.working_distance_mm.value_or(0.5 * (t.range_mm[0] + t.range_mm[1]));
     if (s.out.lines.count(at + ".range") && !(t.range_mm[0] < t.range_mm[1]))
-      s.out.fault("input.out_of_range", at + ".range", fmt::format("found {:g} to {:g} mm, allowed the nearer distance first", t.range_mm[0], t.range_mm[1]), t.range_mm[0], t.range_mm[1], "mm");
+      s.out.fault("input.out_of_range", at + ".range",
+                  fmt::format("found {:g} to {:g} mm, allowed the nearer distance first", t.range_mm[0], t.range_mm[1]), t.range_mm[0],
+                  t.range_mm[1], "mm");
     if (t.mesh) sensor.mesh_flange = mesh_at(item, s.out, at + ".mesh", s.file, *t.mesh, t.units, kToolGate);
     cell.sensors.push_back(std::move(sensor));
   }
   for (std::size_t i = 0; i < s.value.obstacles.size(); ++i) {
     const ObstacleText& t = s.value.obstacles[i];
     Mesh mesh = mesh_at(item, s.out, index("obstacles", i) + ".mesh", s.file, t.mesh, t.units, kObstacleGate);
-    cell.obstacles.push_back({t.name.value_or(fs::path(t.mesh).stem().string()), transformed(t.base_obstacle.pose<frame::Base, frame::Obstacle>(), mesh)});
+    cell.obstacles.push_back(
+        {t.name.value_or(fs::path(t.mesh).stem().string()), transformed(t.base_obstacle.pose<frame::Base, frame::Obstacle>(), mesh)});
   }
   return cell;
 }
@@ -214,16 +245,23 @@ void apply_calibration(Item& item, CellSpec& cell, const std::string& taken) {
   const CalibrationFile& c = s.value;
   if (!c.cell.empty()) {
     if (const auto named = item.sources.resolve(s.out, "cell", s.file, c.cell); named && *named != item.cell.file)
-      s.out.fault("input.calibration_of_other_cell", "cell", "found the calibration of '" + shown(c.cell) + "', allowed that of " + item.sources.name_of(item.cell.file));
+      s.out.fault("input.calibration_of_other_cell", "cell",
+                  "found the calibration of '" + shown(c.cell) + "', allowed that of " + item.sources.name_of(item.cell.file));
   }
   const auto made = day_number(c.created), day = day_number(taken);
   if (made && day && c.valid_days > 0) {
     const long age = *day - *made;
     if (age > c.valid_days)
-      s.out.fault("input.calibration_expired", "valid_days", fmt::format("found a calibration of {} that is {} days old on {}, allowed {} days; calibrate again", c.created.substr(0, 10), age, taken, c.valid_days), double(age), double(c.valid_days), "days");
-    if (age < 0) item.note("input.calibration_after_scans", fmt::format("the calibration was made {} days after the scans", -age), s.out.where("created"));
+      s.out.fault("input.calibration_expired", "valid_days",
+                  fmt::format("found a calibration of {} that is {} days old on {}, allowed {} days; calibrate again",
+                              c.created.substr(0, 10), age, taken, c.valid_days),
+                  double(age), double(c.valid_days), "days");
+    if (age < 0)
+      item.note("input.calibration_after_scans", fmt::format("the calibration was made {} days after the scans", -age),
+                s.out.where("created"));
   } else if (made && !day && !item.scans.out.lines.count("taken")) {
-    s.out.fault("input.date_missing", "valid_days", "found no day of the scans to measure the calibration's age at; write `taken` into the scans file");
+    s.out.fault("input.date_missing", "valid_days",
+                "found no day of the scans to measure the calibration's age at; write `taken` into the scans file");
   }
   for (const auto& [id, t] : c.sensors) {
     const auto it = std::find_if(cell.sensors.begin(), cell.sensors.end(), [&](const SensorSpec& x) { return x.id == id; });
@@ -232,7 +270,9 @@ void apply_calibration(Item& item, CellSpec& cell, const std::string& taken) {
       continue;
     }
     const double moved = (t.flange_sensor.p_mm - it->T_flange_sensor.p_mm).norm();
-    if (moved > 100) item.note("input.calibration_far_from_nominal", fmt::format("sensor {} lies {:.1f} mm from its nominal place", id, moved), s.out.where("sensors." + id + ".flange_sensor"));
+    if (moved > 100)
+      item.note("input.calibration_far_from_nominal", fmt::format("sensor {} lies {:.1f} mm from its nominal place", id, moved),
+                s.out.where("sensors." + id + ".flange_sensor"));
     it->T_flange_sensor = t.flange_sensor.pose<frame::Flange, frame::Sensor>();
     it->covariance = t.covariance;
     it->is_calibrated = true;
@@ -251,7 +291,9 @@ void apply_calibration(Item& item, CellSpec& cell, const std::string& taken) {
     bool is_zero = true;
     for (const double v : {o.a1_mm, o.a2_mm, o.b_mm, o.c1_mm, o.c2_mm, o.c3_mm, o.c4_mm}) is_zero = is_zero && v == 0;
     for (const double v : o.offsets_deg) is_zero = is_zero && v == 0;
-    if (!is_zero) s.out.fault("input.robot_corrections_not_supported", "robot.opw", "found corrections of the arm, which this version does not apply; remove them, the controller keeps its own model");
+    if (!is_zero)
+      s.out.fault("input.robot_corrections_not_supported", "robot.opw",
+                  "found corrections of the arm, which this version does not apply; remove them, the controller keeps its own model");
   }
 }
 

@@ -18,7 +18,8 @@ std::optional<long> day_number(std::string_view text) {
       part[k] = 10 * part[k] + (text[i] - '0');
     }
   }
-  const std::chrono::year_month_day day{std::chrono::year(part[0]), std::chrono::month(unsigned(part[1])), std::chrono::day(unsigned(part[2]))};
+  const std::chrono::year_month_day day{std::chrono::year(part[0]), std::chrono::month(unsigned(part[1])),
+                                        std::chrono::day(unsigned(part[2]))};
   if (!day.ok()) return std::nullopt;
   return long(std::chrono::sys_days(day).time_since_epoch().count());
 }

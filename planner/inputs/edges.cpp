@@ -53,13 +53,18 @@ struct Choice {
     return text;
   }
 
-  void fault(const char* code, const std::string& field, const std::string& message, double measured = 0, double limit = 0, const char* unit = "") { item.part.out.fault(code, field, message, measured, limit, unit); }
+  void fault(const char* code, const std::string& field, const std::string& message, double measured = 0, double limit = 0,
+             const char* unit = "") {
+    item.part.out.fault(code, field, message, measured, limit, unit);
+  }
 
   /// Takes an edge that was named by itself.
   void take(int index, const std::string& field) {
     const BrepEdge& e = brep.edges[std::size_t(index)];
     if (const std::string why = unread(index); !why.empty()) {
-      fault("input.edge_unread", field, "found edge " + e.id + ", which the CAD reader could not read exactly (" + why + "); export the part again or choose other edges");
+      fault("input.edge_unread", field,
+            "found edge " + e.id + ", which the CAD reader could not read exactly (" + why +
+                "); export the part again or choose other edges");
       return;
     }
     if (e.kind == EdgeKind::sharp_convex || (e.kind == EdgeKind::sharp_concave && !needs_convex)) {
@@ -67,7 +72,9 @@ struct Choice {
       return;
     }
     fault("input.edge_not_sharp", field,
-          fmt::format("found edge {} which is {} ({:.2f} degree between its faces), allowed a sharp {}edge of at least 10 degree", e.id, name_of(e.kind), deg_from_rad(e.dihedral_rad), needs_convex ? "convex " : ""), deg_from_rad(e.dihedral_rad), 10, "degree");
+          fmt::format("found edge {} which is {} ({:.2f} degree between its faces), allowed a sharp {}edge of at least 10 degree", e.id,
+                      name_of(e.kind), deg_from_rad(e.dihedral_rad), needs_convex ? "convex " : ""),
+          deg_from_rad(e.dihedral_rad), 10, "degree");
   }
 
   /// An edge whose kind could not be told because something beside it was not read.
@@ -79,7 +86,8 @@ struct Choice {
   void near(const Vec3& p, const std::string& field) {
     std::vector<std::pair<double, int>> order;
     for (std::size_t i = 0; i < brep.edges.size(); ++i)
-      if ((is_sharp(brep.edges[i]) || !unread(int(i)).empty()) && !brep.edges[i].is_seam) order.emplace_back(distance_to(brep.edges[i], p), int(i));
+      if ((is_sharp(brep.edges[i]) || !unread(int(i)).empty()) && !brep.edges[i].is_seam)
+        order.emplace_back(distance_to(brep.edges[i], p), int(i));
     if (order.empty()) {
       fault("input.no_edge", field, "found no sharp edge in the part");
       return;
@@ -88,7 +96,10 @@ struct Choice {
     const double limit = std::max(2.0, 0.05 * brep.box.diagonal_mm());
     const BrepEdge& best = brep.edges[std::size_t(order[0].second)];
     if (order[0].first > limit) {
-      fault("input.edge_far", field, fmt::format("found the nearest sharp edge, {}, {:.2f} mm from {}, allowed within {:.2f} mm; is the point in the CAD's frame?", best.id, order[0].first, text_of(p), limit), order[0].first, limit, "mm");
+      fault("input.edge_far", field,
+            fmt::format("found the nearest sharp edge, {}, {:.2f} mm from {}, allowed within {:.2f} mm; is the point in the CAD's frame?",
+                        best.id, order[0].first, text_of(p), limit),
+            order[0].first, limit, "mm");
       return;
     }
     take(order[0].second, field);
@@ -97,7 +108,10 @@ struct Choice {
       if (runs_on(best, other)) {
         take(order[k].second, field);
       } else {
-        fault("input.edge_ambiguous", field, fmt::format("found the edges {} and {} equally near to {}, allowed a point nearer to one: take one in the middle of the edge", best.id, other.id, text_of(p)), order[k].first - order[0].first, 1e-3, "mm");
+        fault("input.edge_ambiguous", field,
+              fmt::format("found the edges {} and {} equally near to {}, allowed a point nearer to one: take one in the middle of the edge",
+                          best.id, other.id, text_of(p)),
+              order[k].first - order[0].first, 1e-3, "mm");
         return;
       }
     }
@@ -128,23 +142,30 @@ std::vector<int> choose_edges(Item& item, const Brep& brep, const FeatureText& f
   if (t.step)
     for (std::size_t i = 0; i < t.step->size(); ++i) {
       const auto e = std::find_if(brep.edges.begin(), brep.edges.end(), [&](const BrepEdge& x) { return x.id == (*t.step)[i]; });
-      if (e == brep.edges.end()) c.fault("input.unknown_edge", at("step", i), "found the edge '" + shown((*t.step)[i]) + "', allowed an id that `asbuilt cad --edges` prints");
+      if (e == brep.edges.end())
+        c.fault("input.unknown_edge", at("step", i),
+                "found the edge '" + shown((*t.step)[i]) + "', allowed an id that `asbuilt cad --edges` prints");
       else c.take(int(e - brep.edges.begin()), at("step", i));
     }
   if (t.faces)
     for (std::size_t i = 0; i < t.faces->size(); ++i) c.of_face((*t.faces)[i], at("faces", i));
   if (t.sharp_convex) {
     Vec3 low = Vec3::Constant(-1e300), high = Vec3::Constant(1e300);
-    if (t.sharp_convex->box_mm) low = (*t.sharp_convex->box_mm)[0].cwiseMin((*t.sharp_convex->box_mm)[1]), high = (*t.sharp_convex->box_mm)[0].cwiseMax((*t.sharp_convex->box_mm)[1]);
+    if (t.sharp_convex->box_mm)
+      low = (*t.sharp_convex->box_mm)[0].cwiseMin((*t.sharp_convex->box_mm)[1]),
+      high = (*t.sharp_convex->box_mm)[0].cwiseMax((*t.sharp_convex->box_mm)[1]);
     low.array() -= 1e-6, high.array() += 1e-6;
     for (std::size_t i = 0; i < brep.edges.size(); ++i) {
       const BrepEdge& e = brep.edges[i];
       if ((e.kind != EdgeKind::sharp_convex && !c.is_hidden(int(i))) || e.p.empty()) continue;
-      if (std::all_of(e.p.begin(), e.p.end(), [&](const Vec3& p) { return (p.array() >= low.array()).all() && (p.array() <= high.array()).all(); })) c.take(int(i), field + ".sharp_convex");
+      if (std::all_of(e.p.begin(), e.p.end(),
+                      [&](const Vec3& p) { return (p.array() >= low.array()).all() && (p.array() <= high.array()).all(); }))
+        c.take(int(i), field + ".sharp_convex");
     }
   }
   if (c.edges.empty() && item.part.out.faults.size() == before && (t.near_mm || t.step || t.faces || t.sharp_convex))
-    c.fault("input.no_edge", field, "found no sharp convex edge for feature '" + feature.id + "', allowed at least one; widen the box or name points on the edges");
+    c.fault("input.no_edge", field,
+            "found no sharp convex edge for feature '" + feature.id + "', allowed at least one; widen the box or name points on the edges");
   return {c.edges.begin(), c.edges.end()};
 }
 

@@ -27,10 +27,10 @@ struct Field {
   std::string_view when_key = "", when_values = "";  // required only where that sister key has one of these values ("cone|ball")
   std::string_view word = "";                        // a word that may stand in a number's place
   Form form = Form::text;
-  std::size_t count_min = 0;                         // of a list
-  bool is_direction = false;                         // three numbers that may not all be zero
-  bool allows_joints = false;                        // a robot pose: `joints` is one more form
-  bool empty_means_present = false;                  // a key without a value is the field with nothing in it
+  std::size_t count_min = 0;         // of a list
+  bool is_direction = false;         // three numbers that may not all be zero
+  bool allows_joints = false;        // a robot pose: `joints` is one more form
+  bool empty_means_present = false;  // a key without a value is the field with nothing in it
   std::string_view doc = "";
 };
 
@@ -59,7 +59,8 @@ template <class E, std::size_t N>
 using WordList = std::array<std::pair<std::string_view, E>, N>;
 template <>
 struct Words<LengthUnit> {
-  static constexpr WordList<LengthUnit, 4> list{{{"mm", LengthUnit::mm}, {"cm", LengthUnit::cm}, {"m", LengthUnit::m}, {"inch", LengthUnit::inch}}};
+  static constexpr WordList<LengthUnit, 4> list{
+      {{"mm", LengthUnit::mm}, {"cm", LengthUnit::cm}, {"m", LengthUnit::m}, {"inch", LengthUnit::inch}}};
 };
 template <>
 struct Words<Process> {
@@ -84,7 +85,8 @@ struct Words<BeckhoffOrientation> {
 };
 template <>
 struct Words<CutterShape> {
-  static constexpr WordList<CutterShape, 3> list{{{"cone", CutterShape::cone}, {"ball", CutterShape::ball}, {"cylinder", CutterShape::cylinder}}};
+  static constexpr WordList<CutterShape, 3> list{
+      {{"cone", CutterShape::cone}, {"ball", CutterShape::ball}, {"cylinder", CutterShape::cylinder}}};
 };
 template <>
 struct Words<SensorKind> {

@@ -36,7 +36,8 @@ struct SensorCalibrationText {
   template <class S, class V>
   static void fields(S& s, V& v) {
     v("flange_sensor", s.flange_sensor, {.doc = "pose of the sensor in flange"});
-    v("covariance", s.covariance, {.unit = "mm, rad", .doc = "6x6, translation first, in the sensor's frame: true = given * [R(rot), trans]"});
+    v("covariance", s.covariance,
+      {.unit = "mm, rad", .doc = "6x6, translation first, in the sensor's frame: true = given * [R(rot), trans]"});
     v("rms", s.rms_mm, {.unit = "mm", .min = 0, .max = 100, .is_optional = true, .doc = "residual of the calibration"});
     v("captures", s.captures_count, {.min = 0, .max = 1e6, .is_optional = true, .doc = "how many captures it was made from"});
     v("intrinsics", s.intrinsics, {.is_optional = true, .doc = "of a depth camera"});
@@ -56,7 +57,13 @@ struct OpwCorrectionText {
   std::array<double, 6> offsets_deg{};
   template <class S, class V>
   static void fields(S& s, V& v) {
-    for (auto [name, value] : {std::pair{"a1", &s.a1_mm}, {"a2", &s.a2_mm}, {"b", &s.b_mm}, {"c1", &s.c1_mm}, {"c2", &s.c2_mm}, {"c3", &s.c3_mm}, {"c4", &s.c4_mm}})
+    for (auto [name, value] : {std::pair{"a1", &s.a1_mm},
+                               {"a2", &s.a2_mm},
+                               {"b", &s.b_mm},
+                               {"c1", &s.c1_mm},
+                               {"c2", &s.c2_mm},
+                               {"c3", &s.c3_mm},
+                               {"c4", &s.c4_mm}})
       v(name, *value, {.unit = "mm", .min = -20, .max = 20, .is_optional = true, .doc = "added to the cell's constant"});
     v("offsets", s.offsets_deg, {.unit = "degree", .min = -5, .max = 5, .is_optional = true, .doc = "added to the cell's offsets"});
   }
@@ -70,7 +77,8 @@ struct RobotCalibrationText {
 };
 struct CalibrationFile {
   static constexpr std::string_view kind = "calibration";
-  static constexpr std::string_view title = "Where sensors and tools really are on the flange, and how well that is known. Written by `asbuilt calibrate`.";
+  static constexpr std::string_view title =
+      "Where sensors and tools really are on the flange, and how well that is known. Written by `asbuilt calibrate`.";
   std::string cell, created;
   int valid_days = 0;
   std::map<std::string, SensorCalibrationText> sensors;
@@ -108,7 +116,8 @@ struct CaptureText {
     v("intrinsics", s.intrinsics, {.is_optional = true, .form = Form::file, .doc = "of the depth camera"});
     v("robot_log", s.robot_log, {.is_optional = true, .form = Form::file, .doc = "where the robot was: RSI XML or CSV"});
     v("sync", s.sync, {.is_optional = true, .doc = "how the two clocks are matched"});
-    v("base_flange", s.base_flange, {.is_optional = true, .allows_joints = true, .doc = "flange in base as commanded, or the joints; required with cloud"});
+    v("base_flange", s.base_flange,
+      {.is_optional = true, .allows_joints = true, .doc = "flange in base as commanded, or the joints; required with cloud"});
     v("feature", s.feature, {.is_optional = true, .form = Form::id, .doc = "the feature this capture was taken for"});
     v.exactly_one({"cloud", "frames", "profiles"});
     v.together("cloud", {"base_flange"});

@@ -12,9 +12,14 @@ namespace asbuilt::inputs {
 enum class TargetKind { balls, ball, checkerboard, circle_grid, hole_plate, plane, corner, tip };
 template <>
 struct Words<TargetKind> {
-  static constexpr WordList<TargetKind, 8> list{{{"balls", TargetKind::balls}, {"ball", TargetKind::ball}, {"checkerboard", TargetKind::checkerboard},
-                                                 {"circle_grid", TargetKind::circle_grid}, {"hole_plate", TargetKind::hole_plate}, {"plane", TargetKind::plane},
-                                                 {"corner", TargetKind::corner}, {"tip", TargetKind::tip}}};
+  static constexpr WordList<TargetKind, 8> list{{{"balls", TargetKind::balls},
+                                                 {"ball", TargetKind::ball},
+                                                 {"checkerboard", TargetKind::checkerboard},
+                                                 {"circle_grid", TargetKind::circle_grid},
+                                                 {"hole_plate", TargetKind::hole_plate},
+                                                 {"plane", TargetKind::plane},
+                                                 {"corner", TargetKind::corner},
+                                                 {"tip", TargetKind::tip}}};
 };
 
 struct TargetText {
@@ -25,11 +30,36 @@ struct TargetText {
   template <class S, class V>
   static void fields(S& s, V& v) {
     v("kind", s.kind, {.doc = "what was looked at; tip: the tool's tip on one fixed point"});
-    v("diameter", s.diameter_mm, {.unit = "mm", .min = 0.1, .max = 1000, .when_key = "kind", .when_values = "balls|ball|circle_grid|hole_plate", .doc = "of a ball, a circle or a hole"});
-    v("pitch", s.pitch_mm, {.unit = "mm", .min = 0.1, .max = 1000, .when_key = "kind", .when_values = "checkerboard|circle_grid|hole_plate", .doc = "from one to the next"});
-    v("columns", s.columns_count, {.min = 2, .max = 1000, .when_key = "kind", .when_values = "checkerboard|circle_grid|hole_plate", .doc = "inner corners, circles or holes along x"});
-    v("rows", s.rows_count, {.min = 2, .max = 1000, .when_key = "kind", .when_values = "checkerboard|circle_grid|hole_plate", .doc = "and along y"});
-    v("centers", s.centers_mm, {.unit = "mm", .min = -1e5, .max = 1e5, .when_key = "kind", .when_values = "balls", .count_min = 3, .doc = "centres of the balls in the target's own frame"});
+    v("diameter", s.diameter_mm,
+      {.unit = "mm",
+       .min = 0.1,
+       .max = 1000,
+       .when_key = "kind",
+       .when_values = "balls|ball|circle_grid|hole_plate",
+       .doc = "of a ball, a circle or a hole"});
+    v("pitch", s.pitch_mm,
+      {.unit = "mm",
+       .min = 0.1,
+       .max = 1000,
+       .when_key = "kind",
+       .when_values = "checkerboard|circle_grid|hole_plate",
+       .doc = "from one to the next"});
+    v("columns", s.columns_count,
+      {.min = 2,
+       .max = 1000,
+       .when_key = "kind",
+       .when_values = "checkerboard|circle_grid|hole_plate",
+       .doc = "inner corners, circles or holes along x"});
+    v("rows", s.rows_count,
+      {.min = 2, .max = 1000, .when_key = "kind", .when_values = "checkerboard|circle_grid|hole_plate", .doc = "and along y"});
+    v("centers", s.centers_mm,
+      {.unit = "mm",
+       .min = -1e5,
+       .max = 1e5,
+       .when_key = "kind",
+       .when_values = "balls",
+       .count_min = 3,
+       .doc = "centres of the balls in the target's own frame"});
   }
 };
 struct TargetCaptureText {
@@ -59,7 +89,8 @@ struct CapturesFile {
     v("sensor", s.sensor, {.is_optional = true, .form = Form::id, .doc = "the sensor to be calibrated"});
     v("tool", s.tool, {.is_optional = true, .form = Form::id, .doc = "or the tool"});
     v("taken", s.taken, {.is_optional = true, .form = Form::date, .doc = "day of the captures; today where absent"});
-    v("valid_days", s.valid_days, {.unit = "days", .min = 1, .max = 36500, .is_optional = true, .doc = "how long the calibration shall hold"});
+    v("valid_days", s.valid_days,
+      {.unit = "days", .min = 1, .max = 36500, .is_optional = true, .doc = "how long the calibration shall hold"});
     v("target", s.target, {.doc = "what was looked at"});
     v("captures", s.captures, {.count_min = 3, .doc = "one after the other as taken"});
     v.exactly_one({"sensor", "tool"});

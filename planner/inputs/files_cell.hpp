@@ -32,7 +32,8 @@ struct KinematicsText {
   std::optional<std::string> urdf, base, tip;
   template <class S, class V>
   static void fields(S& s, V& v) {
-    v("opw", s.opw, {.is_optional = true, .doc = "constants of an arm with a spherical wrist; at theta = 0 it stands upright (Brandstoetter)"});
+    v("opw", s.opw,
+      {.is_optional = true, .doc = "constants of an arm with a spherical wrist; at theta = 0 it stands upright (Brandstoetter)"});
     v("urdf", s.urdf, {.is_optional = true, .form = Form::file, .doc = "URDF file; its metres become mm"});
     v("base", s.base, {.is_optional = true, .doc = "link that is the frame base; required with urdf"});
     v("tip", s.tip, {.is_optional = true, .doc = "link that is the frame flange; required with urdf"});
@@ -99,7 +100,8 @@ struct RobotText {
     v("model", s.model, {.doc = "name of the robot"});
     v("kinematics", s.kinematics, {.doc = "opw constants, or a URDF"});
     v("joints", s.joints, {.count_min = 6, .doc = "limits of the six joints, from the base outwards"});
-    v("links", s.links, {.is_optional = true, .doc = "one shape for the base and one for each moving link; with a URDF its own where absent"});
+    v("links", s.links,
+      {.is_optional = true, .doc = "one shape for the base and one for each moving link; with a URDF its own where absent"});
     v("home", s.home, {.doc = "a posture clear of everything"});
     v("accuracy", s.accuracy, {.doc = "lengths of the tool point's offset"});
   }
@@ -117,7 +119,8 @@ struct InformText {
   std::map<std::string, std::string> rest;
   template <class S, class V>
   static void fields(S& s, V& v) {
-    v("pulses_per_degree", s.pulses_per_degree, {.min = -1e6, .max = 1e6, .is_optional = true, .doc = "of the six joints; needed by this dialect"});
+    v("pulses_per_degree", s.pulses_per_degree,
+      {.min = -1e6, .max = 1e6, .is_optional = true, .doc = "of the six joints; needed by this dialect"});
     v("speed_unit", s.speed_unit, {.is_optional = true, .doc = "what `V=` counts in; needed by this dialect"});
     v.rest(s.rest, "further values of the dialect, as text");
   }
@@ -129,7 +132,8 @@ struct BeckhoffText {
   template <class S, class V>
   static void fields(S& s, V& v) {
     v("orientation", s.orientation, {.is_optional = true, .doc = "P-CHAN-00112: cba 2, ypr 0, euler 1; needed by this dialect"});
-    v("kinematic_id", s.kinematic_id, {.min = 0, .max = 100000, .is_optional = true, .doc = "number of the kinematic transformation; needed by this dialect"});
+    v("kinematic_id", s.kinematic_id,
+      {.min = 0, .max = 100000, .is_optional = true, .doc = "number of the kinematic transformation; needed by this dialect"});
     v.rest(s.rest, "further values of the dialect, as text");
   }
 };
@@ -154,11 +158,19 @@ struct CutterText {
   template <class S, class V>
   static void fields(S& s, V& v) {
     v("shape", s.shape, {.doc = "form of the cutting end"});
-    v("included_angle", s.included_angle_deg, {.unit = "degree", .min = 5, .max = 175, .when_key = "shape", .when_values = "cone", .doc = "full angle of the cone"});
-    v("tip_diameter", s.tip_diameter_mm, {.unit = "mm", .min = 0, .max = 200, .when_key = "shape", .when_values = "cone", .doc = "diameter of the flat tip; its centre is the TCP"});
+    v("included_angle", s.included_angle_deg,
+      {.unit = "degree", .min = 5, .max = 175, .when_key = "shape", .when_values = "cone", .doc = "full angle of the cone"});
+    v("tip_diameter", s.tip_diameter_mm,
+      {.unit = "mm",
+       .min = 0,
+       .max = 200,
+       .when_key = "shape",
+       .when_values = "cone",
+       .doc = "diameter of the flat tip; its centre is the TCP"});
     v("diameter", s.diameter_mm, {.unit = "mm", .min = 0.05, .max = 500, .doc = "greatest diameter"});
     v("length", s.length_mm, {.unit = "mm", .min = 0.1, .max = 1000, .doc = "tip to collet"});
-    v("shank_diameter", s.shank_diameter_mm, {.unit = "mm", .min = 0.05, .max = 500, .is_optional = true, .doc = "as diameter where absent"});
+    v("shank_diameter", s.shank_diameter_mm,
+      {.unit = "mm", .min = 0.05, .max = 500, .is_optional = true, .doc = "as diameter where absent"});
     v("teeth", s.teeth_count, {.min = 1, .max = 200, .doc = "cutting edges"});
   }
 };
@@ -168,7 +180,8 @@ struct SpindleText {
   template <class S, class V>
   static void fields(S& s, V& v) {
     v("max_rpm", s.max_rpm, {.unit = "rpm", .min = 1, .max = 500000, .doc = "speed at full output"});
-    v("output", s.output, {.min = 0, .max = 100000, .is_optional = true, .doc = "digital output that switches it on; needed by KRL and INFORM"});
+    v("output", s.output,
+      {.min = 0, .max = 100000, .is_optional = true, .doc = "digital output that switches it on; needed by KRL and INFORM"});
     v("analog", s.analog, {.min = 0, .max = 100000, .is_optional = true, .doc = "analogue output of its speed; needed by KRL and INFORM"});
   }
 };
@@ -206,7 +219,8 @@ struct SensorText {
     v("kind", s.kind, {.doc = "what it gives"});
     v("flange_sensor", s.flange_sensor, {.doc = "nominal pose of the sensor in flange; a calibration replaces it"});
     v("range", s.range_mm, {.unit = "mm", .min = 0, .max = 1e5, .doc = "nearest and farthest distance along z"});
-    v("working_distance", s.working_distance_mm, {.unit = "mm", .min = 0, .max = 1e5, .is_optional = true, .doc = "the middle of range where absent"});
+    v("working_distance", s.working_distance_mm,
+      {.unit = "mm", .min = 0, .max = 1e5, .is_optional = true, .doc = "the middle of range where absent"});
     v("field_of_view", s.field_of_view_mm, {.unit = "mm", .min = 0, .max = 1e5, .doc = "width and height at the working distance"});
     v("noise", s.noise_mm, {.unit = "mm", .min = 1e-5, .max = 100, .doc = "standard deviation along the ray at the working distance"});
     v("mesh", s.mesh, {.is_optional = true, .form = Form::file, .doc = "the sensor's shape, drawn in flange"});

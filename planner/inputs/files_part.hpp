@@ -48,8 +48,12 @@ struct SharpConvexText {
   std::optional<std::array<Vec3, 2>> box_mm;
   template <class S, class V>
   static void fields(S& s, V& v) {
-    v("box", s.box_mm, {.unit = "mm", .min = -1e5, .max = 1e5, .is_optional = true,
-                        .doc = "two opposite corners in part; edges that lie wholly inside. Absent: the whole part"});
+    v("box", s.box_mm,
+      {.unit = "mm",
+       .min = -1e5,
+       .max = 1e5,
+       .is_optional = true,
+       .doc = "two opposite corners in part; edges that lie wholly inside. Absent: the whole part"});
   }
 };
 struct EdgeChoiceText {
@@ -58,9 +62,15 @@ struct EdgeChoiceText {
   std::optional<SharpConvexText> sharp_convex;
   template <class S, class V>
   static void fields(S& s, V& v) {
-    v("near", s.near_mm, {.unit = "mm", .min = -1e5, .max = 1e5, .is_optional = true, .count_min = 1,
-                          .doc = "points in part; of each the nearest sharp edge"});
-    v("step", s.step, {.is_optional = true, .form = Form::edge, .count_min = 1, .doc = "ids of edges, as `asbuilt cad --edges` prints them"});
+    v("near", s.near_mm,
+      {.unit = "mm",
+       .min = -1e5,
+       .max = 1e5,
+       .is_optional = true,
+       .count_min = 1,
+       .doc = "points in part; of each the nearest sharp edge"});
+    v("step", s.step,
+      {.is_optional = true, .form = Form::edge, .count_min = 1, .doc = "ids of edges, as `asbuilt cad --edges` prints them"});
     v("faces", s.faces, {.is_optional = true, .form = Form::edge, .count_min = 1, .doc = "ids of faces: all their sharp convex edges"});
     v("sharp_convex", s.sharp_convex, {.is_optional = true, .empty_means_present = true, .doc = "all sharp convex edges"});
     v.exactly_one({"near", "step", "faces", "sharp_convex"});
@@ -88,7 +98,10 @@ struct PartFile {
   static void fields(S& s, V& v) {
     v("id", s.id, {.form = Form::id, .doc = "name of the part"});
     v("cad", s.cad, {.form = Form::file, .doc = "STEP (AP203, AP214, AP242) or a mesh (STL, PLY, OBJ, 3MF, ...)"});
-    v("units", s.units, {.is_optional = true, .doc = "unit of the numbers in the CAD file; required for formats that carry none (STL, PLY, OBJ), refused where it contradicts the file"});
+    v("units", s.units,
+      {.is_optional = true,
+       .doc = "unit of the numbers in the CAD file; required for formats that carry none (STL, PLY, OBJ), refused where it contradicts the "
+              "file"});
     v("material", s.material, {.is_optional = true, .doc = "free text for the report"});
     v("symmetry", s.symmetry, {.is_optional = true, .doc = "how the rough shape repeats: a hint for the search"});
     v("burr_zone", s.burr_zone, {.is_optional = true, .doc = "castings: where flash may be"});
@@ -117,7 +130,8 @@ struct RemovalText {
   std::optional<double> chip_load_mm;
   template <class S, class V>
   static void fields(S& s, V& v) {
-    v("max_mm3_s", s.max_mm3_s, {.unit = "mm3/s", .min = 1e-4, .max = 1e5, .doc = "largest cut cross-section of chamfer and burr times feed"});
+    v("max_mm3_s", s.max_mm3_s,
+      {.unit = "mm3/s", .min = 1e-4, .max = 1e5, .doc = "largest cut cross-section of chamfer and burr times feed"});
     v("chip_load_mm", s.chip_load_mm, {.unit = "mm", .min = 1e-4, .max = 2, .is_optional = true, .doc = "largest feed per tooth"});
   }
 };
@@ -138,11 +152,13 @@ struct OrientationText {
   static void fields(S& s, V& v) {
     v("mode", s.mode, {.doc = "fixed: tool z stays on axis; tilt: tool z may leave it by cone"});
     v("axis", s.axis_base, {.is_direction = true, .doc = "wanted tool z in base, from the spindle to the work"});
-    v("cone", s.cone_deg, {.unit = "degree", .min = 0, .max = 180, .when_key = "mode", .when_values = "tilt", .doc = "how far tool z may leave axis"});
+    v("cone", s.cone_deg,
+      {.unit = "degree", .min = 0, .max = 180, .when_key = "mode", .when_values = "tilt", .doc = "how far tool z may leave axis"});
   }
 };
 struct WeldText {
-  std::optional<double> speed_mm_s, current_A, voltage_V, wire_mm_s, weave_width_mm, weave_frequency_Hz, work_angle_deg, travel_angle_deg, stickout_mm;
+  std::optional<double> speed_mm_s, current_A, voltage_V, wire_mm_s, weave_width_mm, weave_frequency_Hz, work_angle_deg, travel_angle_deg,
+      stickout_mm;
   template <class S, class V>
   static void fields(S& s, V& v) {
     v("speed", s.speed_mm_s, {.unit = "mm/s", .min = 0.1, .max = 500, .doc = "travel speed along the seam"});
@@ -151,8 +167,10 @@ struct WeldText {
     v("wire_feed", s.wire_mm_s, {.unit = "mm/s", .min = 0, .max = 1000, .is_optional = true, .doc = "wire feed"});
     v("weave_width", s.weave_width_mm, {.unit = "mm", .min = 0, .max = 100, .is_optional = true, .doc = "weave, side to side"});
     v("weave_frequency", s.weave_frequency_Hz, {.unit = "Hz", .min = 0, .max = 50, .is_optional = true, .doc = "weave frequency"});
-    v("work_angle", s.work_angle_deg, {.unit = "degree", .min = -90, .max = 90, .is_optional = true, .doc = "torch from the bisector of the faces, across the seam"});
-    v("travel_angle", s.travel_angle_deg, {.unit = "degree", .min = -90, .max = 90, .is_optional = true, .doc = "torch along the seam; positive pushes"});
+    v("work_angle", s.work_angle_deg,
+      {.unit = "degree", .min = -90, .max = 90, .is_optional = true, .doc = "torch from the bisector of the faces, across the seam"});
+    v("travel_angle", s.travel_angle_deg,
+      {.unit = "degree", .min = -90, .max = 90, .is_optional = true, .doc = "torch along the seam; positive pushes"});
     v("stickout", s.stickout_mm, {.unit = "mm", .min = 0, .max = 200, .is_optional = true, .doc = "contact tip to work"});
   }
 };
@@ -174,17 +192,22 @@ struct RecipeFile {
     v("id", s.id, {.form = Form::id, .doc = "name of the recipe"});
     v("process", s.process, {.doc = "what is done"});
     v("tool", s.tool, {.form = Form::id, .doc = "id of a tool of the cell"});
-    v("spindle_rpm", s.spindle_rpm, {.unit = "rpm", .min = 1, .max = 500000, .when_key = "process", .when_values = "deburr", .doc = "spindle speed"});
+    v("spindle_rpm", s.spindle_rpm,
+      {.unit = "rpm", .min = 1, .max = 500000, .when_key = "process", .when_values = "deburr", .doc = "spindle speed"});
     v("edge_break", s.edge_break, {.when_key = "process", .when_values = "deburr", .doc = "the chamfer"});
     v("feed", s.feed, {.when_key = "process", .when_values = "deburr", .doc = "speed of the tool centre point along the edge"});
     v("removal", s.removal, {.when_key = "process", .when_values = "deburr", .doc = "how much may be cut at once"});
     v("burr", s.burr, {.when_key = "process", .when_values = "deburr", .doc = "which burrs may be removed"});
     v("orientation", s.orientation, {.doc = "how the tool is held"});
-    v("approach", s.approach_mm, {.unit = "mm", .min = 0.1, .max = 2000, .doc = "distance from which the tool comes to the edge, and to which it leaves"});
+    v("approach", s.approach_mm,
+      {.unit = "mm", .min = 0.1, .max = 2000, .doc = "distance from which the tool comes to the edge, and to which it leaves"});
     v("lead", s.lead_mm, {.unit = "mm", .min = 0, .max = 500, .doc = "length of lead in and lead out"});
     v("path_tolerance", s.path_tolerance_mm, {.unit = "mm", .min = 1e-4, .max = 5, .doc = "chord error of the programmed path"});
-    v("gate_probability", s.gate_probability_ratio, {.min = 0.5, .max = 0.99999, .is_optional = true,
-                                                     .doc = "an edge is emitted only when the expected share of it in tolerance is at least this"});
+    v("gate_probability", s.gate_probability_ratio,
+      {.min = 0.5,
+       .max = 0.99999,
+       .is_optional = true,
+       .doc = "an edge is emitted only when the expected share of it in tolerance is at least this"});
     v("weld", s.weld, {.when_key = "process", .when_values = "weld", .doc = "what a seam needs"});
   }
 };

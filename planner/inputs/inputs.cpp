@@ -49,7 +49,8 @@ std::optional<Loaded> load(const Batch& batch, const std::string& item_id, const
   item.cell = read_source<CellFile>(item.sources, item.batch, "cell", item.batch_file, batch.cell);
   item.calibration = read_source<CalibrationFile>(item.sources, item.batch, "calibration", item.batch_file, batch.calibration);
   for (std::size_t i = 0; i < batch.recipes.size(); ++i)
-    item.recipes.push_back(read_source<RecipeFile>(item.sources, item.batch, "recipes[" + std::to_string(i) + "]", item.batch_file, batch.recipes[i]));
+    item.recipes.push_back(
+        read_source<RecipeFile>(item.sources, item.batch, "recipes[" + std::to_string(i) + "]", item.batch_file, batch.recipes[i]));
   item.part = read_source<PartFile>(item.sources, item.batch, at + ".part", item.batch_file, entry->part);
   item.fixture = read_source<FixtureFile>(item.sources, item.batch, at + ".fixture", item.batch_file, entry->fixture);
   item.scans = read_source<ScansFile>(item.sources, item.batch, at + ".scans", item.batch_file, entry->scans);
@@ -57,7 +58,8 @@ std::optional<Loaded> load(const Batch& batch, const std::string& item_id, const
   job.batch_id = batch.id, job.item_id = item_id;
   job.taken = item.scans.value.taken.value_or(recipe.today).substr(0, 10);
   if (item.scans.is_read && !item.scans.value.item.empty() && item.scans.value.item != item_id)
-    item.scans.out.fault("input.item_mismatch", "item", "found the scans of '" + item.scans.value.item + "', allowed those of '" + item_id + "'");
+    item.scans.out.fault("input.item_mismatch", "item",
+                         "found the scans of '" + item.scans.value.item + "', allowed those of '" + item_id + "'");
   job.cell = cell_of(item, item.cell);
   job.calibration_created = item.calibration.value.created, job.calibration_valid_days = item.calibration.value.valid_days;
   apply_calibration(item, job.cell, job.taken);
@@ -70,12 +72,17 @@ std::optional<Loaded> load(const Batch& batch, const std::string& item_id, const
     const std::string field = at + ".overrides[" + std::to_string(i) + "]";
     const auto last = day_number(o.expires), day = day_number(job.taken);
     if (last && day && *day > *last) {
-      item.note("input.override_expired", "the override of edge " + o.edge + " by " + o.name + " held until " + o.expires + " and is not used", item.batch.where(field));
+      item.note("input.override_expired",
+                "the override of edge " + o.edge + " by " + o.name + " held until " + o.expires + " and is not used",
+                item.batch.where(field));
       continue;
     }
     const auto& edges = job.part.brep.edges;
-    if (depth == Depth::all && !edges.empty() && std::none_of(edges.begin(), edges.end(), [&](const BrepEdge& e) { return e.id == o.edge; }))
-      item.batch.fault("input.unknown_edge", field + ".edge", "found the edge '" + shown(o.edge) + "', allowed an id that `asbuilt cad --edges` prints for " + item.part.value.cad);
+    if (depth == Depth::all && !edges.empty() &&
+        std::none_of(edges.begin(), edges.end(), [&](const BrepEdge& e) { return e.id == o.edge; }))
+      item.batch.fault(
+          "input.unknown_edge", field + ".edge",
+          "found the edge '" + shown(o.edge) + "', allowed an id that `asbuilt cad --edges` prints for " + item.part.value.cad);
     job.overrides.push_back(o);
   }
   job.inputs = item.sources.files();
@@ -97,7 +104,8 @@ Result<Done<Batch>> load_batch(const fs::path& file, const InputsRecipe& recipe)
   std::set<std::string> ids;
   for (std::size_t i = 0; i < read.items.size(); ++i) {
     const ItemText& t = read.items[i];
-    if (!t.id.empty() && !ids.insert(t.id).second) out.fault("input.duplicate_id", "items[" + std::to_string(i) + "].id", "found the id '" + t.id + "' twice, allowed once");
+    if (!t.id.empty() && !ids.insert(t.id).second)
+      out.fault("input.duplicate_id", "items[" + std::to_string(i) + "].id", "found the id '" + t.id + "' twice, allowed once");
     BatchItem& item = b.items.emplace_back(BatchItem{.id = t.id, .part = t.part, .fixture = t.fixture, .scans = t.scans});
     for (const OverrideText& o : t.overrides) item.overrides.push_back({o.edge, o.name, o.reason, o.expires});
   }
@@ -115,7 +123,11 @@ Result<Done<Batch>> load_batch(const fs::path& file, const InputsRecipe& recipe)
 
 Result<Done<Job>> load_job(const Batch& batch, const std::string& item_id, const InputsRecipe& recipe) {
   std::optional<Loaded> l = load(batch, item_id, recipe, Depth::all);
-  if (!l) return refuse({.code = "input.unknown_item", .where = batch.file.filename().string(), .message = "found no item '" + shown(item_id) + "' in the batch", .stage = "input"});
+  if (!l)
+    return refuse({.code = "input.unknown_item",
+                   .where = batch.file.filename().string(),
+                   .message = "found no item '" + shown(item_id) + "' in the batch",
+                   .stage = "input"});
   if (Refusals faults = all_faults(l->item); !faults.empty()) return refuse_all(std::move(faults));
   return Done<Job>{std::move(l->job), std::move(l->item.notes)};
 }

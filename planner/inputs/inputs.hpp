@@ -49,7 +49,8 @@ std::string job_inputs_hash(const Batch& batch, const std::string& item_id, cons
 
 /// Reads one cell file by itself, for commands that need no batch. Its folder is the root. With a calibration file its poses
 /// stand in place of the nominal ones; its age is not judged here.
-Result<Done<CellSpec>> load_cell(const std::filesystem::path& file, const InputsRecipe& recipe, const std::filesystem::path& calibration = {});
+Result<Done<CellSpec>> load_cell(const std::filesystem::path& file, const InputsRecipe& recipe,
+                                 const std::filesystem::path& calibration = {});
 
 /// Every fault of one file of a kind, by itself; empty when there is none. Other files it names are not opened.
 Refusals check_file(const std::string& kind, const std::filesystem::path& file);

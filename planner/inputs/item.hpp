@@ -43,7 +43,8 @@ struct SizeGate {
 };
 
 /// A mesh of the cell or the fixture, mm. Empty after a fault, or at Depth::bytes.
-Mesh mesh_at(Item& item, Readout& naming, const std::string& field, const std::filesystem::path& naming_file, const std::string& text, std::optional<LengthUnit> units, const SizeGate& gate, const Vec3& scale = Vec3::Ones(), double mm_per_unit = 0);
+Mesh mesh_at(Item& item, Readout& naming, const std::string& field, const std::filesystem::path& naming_file, const std::string& text,
+             std::optional<LengthUnit> units, const SizeGate& gate, const Vec3& scale = Vec3::Ones(), double mm_per_unit = 0);
 
 // cell.cpp
 CellSpec cell_of(Item& item, YamlSource<CellFile>& source);

@@ -73,7 +73,9 @@ class SchemaWriter {
   void together(const char* name, std::initializer_list<const char*> others) {
     for (const char* o : others) dependent[name].push_back(o);
   }
-  void rest(std::map<std::string, std::string>&, const char* doc) { additional = {{"type", {"string", "number", "boolean"}}, {"description", doc}}; }
+  void rest(std::map<std::string, std::string>&, const char* doc) {
+    additional = {{"type", {"string", "number", "boolean"}}, {"description", doc}};
+  }
 
   Json object() const {
     Json o;
@@ -120,7 +122,10 @@ class SchemaWriter {
       limits(n);
       j = {{"type", "array"}, {"items", n}, {"minItems", 3}, {"maxItems", 3}};
     } else if constexpr (is_mat6<T>) {
-      j = {{"type", "array"}, {"items", {{"type", "array"}, {"items", {{"type", "number"}}}, {"minItems", 6}, {"maxItems", 6}}}, {"minItems", 6}, {"maxItems", 6}};
+      j = {{"type", "array"},
+           {"items", {{"type", "array"}, {"items", {{"type", "number"}}}, {"minItems", 6}, {"maxItems", 6}}},
+           {"minItems", 6},
+           {"maxItems", 6}};
     } else if constexpr (std::is_enum_v<T>) {
       j["enum"] = Json::array();
       for (const auto& [word, e] : Words<T>::list) j["enum"].push_back(word);
@@ -152,7 +157,8 @@ Json pose_schema(bool allows_joints) {
     return o;
   };
   Json rows = {{"type", "array"}, {"items", list_of(4)}, {"minItems", 4}, {"maxItems", 4}};
-  Json forms = Json::array({form({{"xyz", list_of(3)}, {"quat", list_of(4)}}), form({{"xyz", list_of(3)}, {"zyx", list_of(3)}}), form({{"xyz", list_of(3)}, {"rpy", list_of(3)}}), form({{"matrix", rows}})});
+  Json forms = Json::array({form({{"xyz", list_of(3)}, {"quat", list_of(4)}}), form({{"xyz", list_of(3)}, {"zyx", list_of(3)}}),
+                            form({{"xyz", list_of(3)}, {"rpy", list_of(3)}}), form({{"matrix", rows}})});
   if (allows_joints) forms.push_back(form({{"joints", list_of(6)}}));
   return {{"oneOf", forms}};
 }
@@ -170,7 +176,8 @@ Json file_schema() {
   o["description"] = File::title;
   const Json object = w.object();
   for (const auto& [key, value] : object.items()) o[key] = value;
-  if (const std::string text = o.dump(); text.find("#/$defs/pose") != std::string::npos || text.find("#/$defs/robot_pose") != std::string::npos)
+  if (const std::string text = o.dump();
+      text.find("#/$defs/pose") != std::string::npos || text.find("#/$defs/robot_pose") != std::string::npos)
     o["$defs"] = {{"pose", pose_schema(false)}, {"robot_pose", pose_schema(true)}};
   return o;
 }
@@ -204,7 +211,11 @@ std::string type_words(const Json& j) {
   const Json& t = j["type"];
   if (t == "array") {
     const bool is_fixed = j.contains("maxItems") && j["maxItems"] == j["minItems"];
-    return std::string("list of ") + (is_fixed ? std::to_string(j["minItems"].get<int>()) + " x " : j.contains("minItems") ? "at least " + std::to_string(j["minItems"].get<int>()) + " x " : "") + type_words(j["items"]);
+    return std::string("list of ") +
+           (is_fixed                 ? std::to_string(j["minItems"].get<int>()) + " x "
+            : j.contains("minItems") ? "at least " + std::to_string(j["minItems"].get<int>()) + " x "
+                                     : "") +
+           type_words(j["items"]);
   }
   if (t == "object" || (t.is_array() && t[0] == "object")) return j.contains("properties") ? "mapping" : "mapping by name";
   if (t.is_array()) return "text";
@@ -244,7 +255,8 @@ void add_rows(const Json& object, const std::string& path, std::string& out) {
           if (l == name) need += (need.empty() ? "with `" : ", with `") + key + "`";
     if (j.contains("default")) need = "default " + j["default"].dump();
     for (std::size_t bar = need.find('|'); bar != std::string::npos; bar = need.find('|', bar + 4)) need.replace(bar, 1, " / ");
-    out += "| `" + field + "` | " + type_words(j) + " | " + (j.contains("x-unit") ? j["x-unit"].get<std::string>() : "") + " | " + range_words(j) + " | " + need + " | " + (j.contains("description") ? j["description"].get<std::string>() : "") + " |\n";
+    out += "| `" + field + "` | " + type_words(j) + " | " + (j.contains("x-unit") ? j["x-unit"].get<std::string>() : "") + " | " +
+           range_words(j) + " | " + need + " | " + (j.contains("description") ? j["description"].get<std::string>() : "") + " |\n";
     const Json* inner = innermost(&j);
     std::string deeper = field;
     for (const Json* k = &j; k->contains("items"); k = &(*k)["items"]) deeper += "[]";
@@ -284,7 +296,9 @@ Refusals check_file(const std::string& kind, const std::filesystem::path& file) 
   Readout out{.name = file.filename().string()};
   auto bytes = read_file(file, out.name);
   if (!bytes) return bytes.error();
-  if (!for_kind(kind, [&]<class File>() { (void)read_yaml<File>(*bytes, out); })) out.fault("input.wrong_kind", "", "found the kind '" + shown(kind) + "', allowed part, recipe, cell, fixture, calibration, scans, batch, captures");
+  if (!for_kind(kind, [&]<class File>() { (void)read_yaml<File>(*bytes, out); }))
+    out.fault("input.wrong_kind", "",
+              "found the kind '" + shown(kind) + "', allowed part, recipe, cell, fixture, calibration, scans, batch, captures");
   return out.faults;
 }
 

@@ -13,7 +13,8 @@ Sources::Sources(const fs::path& root, bool allow_outside) : allow_outside_(allo
   if (error) root_ = fs::absolute(root);
 }
 
-std::optional<fs::path> Sources::resolve(Readout& naming, const std::string& field, const fs::path& naming_file, const std::string& text) const {
+std::optional<fs::path> Sources::resolve(Readout& naming, const std::string& field, const fs::path& naming_file,
+                                         const std::string& text) const {
   std::error_code error;
   const fs::path file = fs::weakly_canonical(naming_file.parent_path() / fs::path(text), error);
   if (error) {
@@ -22,7 +23,8 @@ std::optional<fs::path> Sources::resolve(Readout& naming, const std::string& fie
   }
   const fs::path inside = file.lexically_relative(root_);
   if (!allow_outside_ && (inside.empty() || *inside.begin() == "..")) {
-    naming.fault("input.path_outside", field, "found the path '" + shown(text) + "', which leaves the batch's folder; allowed inside it, or with --allow-outside");
+    naming.fault("input.path_outside", field,
+                 "found the path '" + shown(text) + "', which leaves the batch's folder; allowed inside it, or with --allow-outside");
     return std::nullopt;
   }
   return file;

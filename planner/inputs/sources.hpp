@@ -18,7 +18,8 @@ class Sources {
   Sources(const std::filesystem::path& root, bool allow_outside);
 
   /// The file that `text` names in the file `naming_file` at `field`. Faults input.path_outside.
-  std::optional<std::filesystem::path> resolve(Readout& naming, const std::string& field, const std::filesystem::path& naming_file, const std::string& text) const;
+  std::optional<std::filesystem::path> resolve(Readout& naming, const std::string& field, const std::filesystem::path& naming_file,
+                                               const std::string& text) const;
   /// Its bytes; the file joins the list of inputs. Faults input.file_missing, input.file_unreadable at the naming field.
   std::optional<std::string> read(Readout& naming, const std::string& field, const std::filesystem::path& file);
   /// As people are shown it: relative to the root.
@@ -42,7 +43,8 @@ struct YamlSource {
 };
 
 template <class T>
-YamlSource<T> read_source(Sources& sources, Readout& naming, const std::string& field, const std::filesystem::path& naming_file, const std::string& text) {
+YamlSource<T> read_source(Sources& sources, Readout& naming, const std::string& field, const std::filesystem::path& naming_file,
+                          const std::string& text) {
   YamlSource<T> s;
   if (text.empty()) return s;  // its own fault is written down already
   const auto file = sources.resolve(naming, field, naming_file, text);

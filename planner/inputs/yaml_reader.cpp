@@ -61,7 +61,13 @@ void Readout::fault(std::string code, const std::string& field, std::string mess
 }
 void Readout::fault(std::string code, const std::string& field, std::string message, double measured, double limit, std::string unit) {
   if (faults.size() >= 1000) return;  // a file of another kind altogether need not be listed to its end
-  faults.push_back({.code = std::move(code), .where = where(field), .message = std::move(message), .measured = measured, .limit = limit, .unit = std::move(unit), .stage = "input"});
+  faults.push_back({.code = std::move(code),
+                    .where = where(field),
+                    .message = std::move(message),
+                    .measured = measured,
+                    .limit = limit,
+                    .unit = std::move(unit),
+                    .stage = "input"});
 }
 
 MapReader::MapReader(Readout& out, const YAML::Node& node, std::string field) : out_(out), node_(node), field_(std::move(field)) {
@@ -77,7 +83,8 @@ MapReader::MapReader(Readout& out, const YAML::Node& node, std::string field) : 
     const std::string key = entry.first.Scalar();
     if (values_.count(key)) {
       out_.lines[child(key)] = entry.first.Mark().line + 1;
-      out_.fault("input.duplicate_key", child(key), "found the key '" + shown(key) + "' twice (first on line " + std::to_string(key_line_[key]) + "), allowed once");
+      out_.fault("input.duplicate_key", child(key),
+                 "found the key '" + shown(key) + "' twice (first on line " + std::to_string(key_line_[key]) + "), allowed once");
       continue;
     }
     values_[key] = entry.second;
@@ -105,7 +112,9 @@ bool MapReader::is_required(const Field& f) const {
 }
 
 void MapReader::missing(const char* name, bool has_key, const Field& f) {
-  out_.fault("input.missing_key", child(name), std::string(has_key ? "found no value" : "found nothing") + ", allowed: " + std::string(f.doc.empty() ? "a value" : f.doc) + (f.unit.empty() ? "" : " (" + std::string(f.unit) + ")"));
+  out_.fault("input.missing_key", child(name),
+             std::string(has_key ? "found no value" : "found nothing") + ", allowed: " + std::string(f.doc.empty() ? "a value" : f.doc) +
+                 (f.unit.empty() ? "" : " (" + std::string(f.unit) + ")"));
 }
 
 void MapReader::exactly_one(std::initializer_list<const char*> names) {
@@ -148,7 +157,9 @@ void MapReader::finish() {
       if (!taken_.count(a)) free.push_back(a);
     out_.lines[child(key)] = key_line_[key];
     out_.fault("input.unknown_key", child(shown(key)),
-               "found the key '" + shown(key) + "', " + (nearest.empty() ? (free.empty() ? std::string("no further key is allowed here") : "allowed here: " + joined(free)) : "did you mean '" + nearest + "'?"));
+               "found the key '" + shown(key) + "', " +
+                   (nearest.empty() ? (free.empty() ? std::string("no further key is allowed here") : "allowed here: " + joined(free))
+                                    : "did you mean '" + nearest + "'?"));
   }
 }
 
@@ -156,7 +167,8 @@ bool MapReader::header(std::string_view kind) {
   const std::string want = std::string(kind) + "/1";
   const YAML::Node* node = take("asbuilt");
   if (!node || !node->IsScalar()) {
-    out_.fault("input.missing_header", "asbuilt", "found no 'asbuilt:' line that says what kind of file this is, allowed 'asbuilt: " + want + "'");
+    out_.fault("input.missing_header", "asbuilt",
+               "found no 'asbuilt:' line that says what kind of file this is, allowed 'asbuilt: " + want + "'");
     return false;
   }
   mark(out_, *node, "asbuilt");
@@ -164,15 +176,16 @@ bool MapReader::header(std::string_view kind) {
   if (found == want) return out_.is_of_kind = true;
   const std::size_t slash = found.find('/');
   if (slash != std::string::npos && found.substr(0, slash) == kind)
-    out_.fault("input.version_unknown", "asbuilt", "found '" + shown(found) + "', allowed '" + want + "': this program reads version 1 only");
-  else
-    out_.fault("input.wrong_kind", "asbuilt", "found '" + shown(found) + "', allowed '" + want + "'");
+    out_.fault("input.version_unknown", "asbuilt",
+               "found '" + shown(found) + "', allowed '" + want + "': this program reads version 1 only");
+  else out_.fault("input.wrong_kind", "asbuilt", "found '" + shown(found) + "', allowed '" + want + "'");
   return false;
 }
 
 std::optional<YAML::Node> parse_yaml(std::string_view text, Readout& out) {
   if (text.size() > kBytesLimit) {
-    out.fault("input.too_large", "", "found " + std::to_string(text.size() >> 20) + " MiB, allowed 64 MiB of YAML", double(text.size() >> 20), 64, "MiB");
+    out.fault("input.too_large", "", "found " + std::to_string(text.size() >> 20) + " MiB, allowed 64 MiB of YAML",
+              double(text.size() >> 20), 64, "MiB");
     return std::nullopt;
   }
   if (const std::optional<std::size_t> bad = first_not_utf8(text)) {
@@ -193,7 +206,9 @@ std::optional<YAML::Node> parse_yaml(std::string_view text, Readout& out) {
     return documents[0];
   } catch (const YAML::Exception& e) {
     out.lines[""] = e.mark.is_null() ? 1 : e.mark.line + 1;
-    out.fault("input.yaml_syntax", "", "found text that is no YAML (" + shown(e.msg) + " at column " + std::to_string(e.mark.is_null() ? 1 : e.mark.column + 1) + ")");
+    out.fault(
+        "input.yaml_syntax", "",
+        "found text that is no YAML (" + shown(e.msg) + " at column " + std::to_string(e.mark.is_null() ? 1 : e.mark.column + 1) + ")");
   } catch (const std::exception& e) {
     out.lines[""] = 1;
     out.fault("input.yaml_syntax", "", "found text that is no YAML (" + shown(e.what()) + ")");

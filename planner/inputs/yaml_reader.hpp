@@ -24,7 +24,7 @@ struct Readout {
   std::map<std::string, int> lines;  // field -> line, from 1
   Refusals faults;
   std::size_t nodes_count = 0;
-  bool is_of_kind = false;           // the file is there and its first line is right; single fields may be faulty
+  bool is_of_kind = false;  // the file is there and its first line is right; single fields may be faulty
 
   /// "part.yaml:12: features[0].recipe"; the line of the nearest parent where the field itself is not in the file.
   std::string where(const std::string& field) const;
@@ -156,7 +156,8 @@ void MapReader::read(Readout& out, const YAML::Node& node, const std::string& fi
     for (const auto& entry : node) {
       const std::string key = entry.first.IsScalar() ? entry.first.Scalar() : std::string();
       if (key.empty() || value.count(key)) {
-        out.fault(key.empty() ? "input.wrong_type" : "input.duplicate_key", field, key.empty() ? "found a key that is no name, allowed names" : "found the key '" + key + "' twice, allowed once");
+        out.fault(key.empty() ? "input.wrong_type" : "input.duplicate_key", field,
+                  key.empty() ? "found a key that is no name, allowed names" : "found the key '" + key + "' twice, allowed once");
         continue;
       }
       out.lines[field + "." + key] = entry.first.Mark().line + 1;

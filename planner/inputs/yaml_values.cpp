@@ -28,7 +28,9 @@ std::string found_text(const YAML::Node& node) {
   return "nothing";
 }
 
-std::string plain(double v) { return v == std::floor(v) && std::abs(v) < 1e15 ? std::to_string(static_cast<long long>(v)) : fmt::format("{:g}", v); }
+std::string plain(double v) {
+  return v == std::floor(v) && std::abs(v) < 1e15 ? std::to_string(static_cast<long long>(v)) : fmt::format("{:g}", v);
+}
 
 std::string range_text(const Field& f) {
   const bool low = std::isfinite(f.min), high = std::isfinite(f.max);
@@ -58,7 +60,8 @@ bool number_at(Readout& out, const YAML::Node& node, const std::string& field, d
 }
 
 template <std::size_t N>
-bool numbers_at(Readout& out, const YAML::Node& node, const std::string& field, std::array<double, N>& values, double limit, const char* unit) {
+bool numbers_at(Readout& out, const YAML::Node& node, const std::string& field, std::array<double, N>& values, double limit,
+                const char* unit) {
   mark(out, node, field);
   if (!expect_list(out, node, field, N, false)) return false;
   bool ok = true;
@@ -88,7 +91,8 @@ void mark(Readout& out, const YAML::Node& node, const std::string& field) {
 bool expect_list(Readout& out, const YAML::Node& node, const std::string& field, std::size_t count, bool or_more) {
   if (out.nodes_count > kNodesLimit) return false;
   if (node.IsSequence() && (or_more ? node.size() >= count : node.size() == count)) return true;
-  out.fault("input.wrong_type", field, "found " + found_text(node) + ", allowed a list of " + (or_more ? "at least " : "") + std::to_string(count));
+  out.fault("input.wrong_type", field,
+            "found " + found_text(node) + ", allowed a list of " + (or_more ? "at least " : "") + std::to_string(count));
   return false;
 }
 
@@ -107,7 +111,8 @@ void read_number(Readout& out, const YAML::Node& node, const std::string& field,
     return;
   }
   if (*number < f.min || *number > f.max) {
-    out.fault("input.out_of_range", field, "found " + shortest_number(*number) + ", allowed " + range_text(f), *number, *number < f.min ? f.min : f.max, std::string(f.unit));
+    out.fault("input.out_of_range", field, "found " + shortest_number(*number) + ", allowed " + range_text(f), *number,
+              *number < f.min ? f.min : f.max, std::string(f.unit));
     return;
   }
   value = *number;
@@ -132,7 +137,8 @@ void read_bool(Readout& out, const YAML::Node& node, const std::string& field, b
   if (const auto word = read_choice(out, node, field, {"true", "false"})) value = *word == "true";
 }
 
-std::optional<std::string> read_choice(Readout& out, const YAML::Node& node, const std::string& field, const std::vector<std::string_view>& words) {
+std::optional<std::string> read_choice(Readout& out, const YAML::Node& node, const std::string& field,
+                                       const std::vector<std::string_view>& words) {
   std::string all;
   for (const std::string_view w : words) {
     if (node.IsScalar() && node.Scalar() == w) return node.Scalar();
@@ -149,13 +155,17 @@ void read_text(Readout& out, const YAML::Node& node, const std::string& field, c
   }
   const std::string text = node.Scalar();
   const auto all_of = [&](std::string_view extra) {
-    return std::all_of(text.begin(), text.end(), [&](char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || extra.find(c) != std::string_view::npos; });
+    return std::all_of(text.begin(), text.end(), [&](char c) {
+      return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || extra.find(c) != std::string_view::npos;
+    });
   };
   if (f.form == Form::id && (text.size() > 100 || text.front() == '.' || text.front() == '-' || !all_of("._-"))) {
-    out.fault("input.bad_name", field, "found '" + shown(text) + "', allowed up to 100 letters, digits, '.', '_', '-', first a letter, a digit or '_'");
+    out.fault("input.bad_name", field,
+              "found '" + shown(text) + "', allowed up to 100 letters, digits, '.', '_', '-', first a letter, a digit or '_'");
     return;
   }
-  if (f.form == Form::edge && (text.size() > 200 || std::any_of(text.begin(), text.end(), [](char c) { return static_cast<unsigned char>(c) < 0x21; }))) {
+  if (f.form == Form::edge &&
+      (text.size() > 200 || std::any_of(text.begin(), text.end(), [](char c) { return static_cast<unsigned char>(c) < 0x21; }))) {
     out.fault("input.bad_name", field, "found '" + shown(text) + "', allowed an id like \"#417\" as `asbuilt cad --edges` prints it");
     return;
   }
@@ -163,7 +173,8 @@ void read_text(Readout& out, const YAML::Node& node, const std::string& field, c
     out.fault("input.bad_date", field, "found '" + shown(text) + "', allowed a day like 2026-11-22");
     return;
   }
-  if (f.form == Form::file && (text.size() > 1000 || std::any_of(text.begin(), text.end(), [](char c) { return static_cast<unsigned char>(c) < 0x20; }))) {
+  if (f.form == Form::file &&
+      (text.size() > 1000 || std::any_of(text.begin(), text.end(), [](char c) { return static_cast<unsigned char>(c) < 0x20; }))) {
     out.fault("input.bad_path", field, "found '" + shown(text) + "', allowed a path");
     return;
   }
@@ -207,7 +218,9 @@ void read_matrix6(Readout& out, const YAML::Node& node, const std::string& field
     for (int j = 0; j < i; ++j) {
       const double scale = std::sqrt(std::abs(m(i, i) * m(j, j))) + 1e-300;
       if (std::abs(m(i, j) - m(j, i)) > 1e-6 * scale) {
-        out.fault("input.bad_covariance", field, "found " + shortest_number(m(i, j)) + " at row " + std::to_string(i + 1) + ", column " + std::to_string(j + 1) + " but " + shortest_number(m(j, i)) + " across the diagonal, allowed a symmetric matrix");
+        out.fault("input.bad_covariance", field,
+                  "found " + shortest_number(m(i, j)) + " at row " + std::to_string(i + 1) + ", column " + std::to_string(j + 1) + " but " +
+                      shortest_number(m(j, i)) + " across the diagonal, allowed a symmetric matrix");
         return;
       }
     }
@@ -216,7 +229,10 @@ void read_matrix6(Readout& out, const YAML::Node& node, const std::string& field
   Vec6 sd;
   for (int i = 0; i < 6; ++i) {
     if (m(i, i) < 0 || (m(i, i) == 0 && !m.row(i).isZero(0))) {
-      out.fault("input.bad_covariance", field, "found the variance " + shortest_number(m(i, i)) + " at row " + std::to_string(i + 1) + ", allowed a positive semi-definite matrix", m(i, i), 0, "");
+      out.fault("input.bad_covariance", field,
+                "found the variance " + shortest_number(m(i, i)) + " at row " + std::to_string(i + 1) +
+                    ", allowed a positive semi-definite matrix",
+                m(i, i), 0, "");
       return;
     }
     sd[i] = m(i, i) > 0 ? std::sqrt(m(i, i)) : 1.0;
@@ -224,14 +240,18 @@ void read_matrix6(Readout& out, const YAML::Node& node, const std::string& field
   const Mat6 correlation = sd.cwiseInverse().asDiagonal() * m * sd.cwiseInverse().asDiagonal();
   const double least = Eigen::SelfAdjointEigenSolver<Mat6>(correlation, Eigen::EigenvaluesOnly).eigenvalues()[0];
   if (!(least > -1e-6)) {
-    out.fault("input.bad_covariance", field, "found a matrix whose correlation has the eigenvalue " + shortest_number(rounded(least, 9)) + ", allowed a positive semi-definite matrix", least, 0, "");
+    out.fault("input.bad_covariance", field,
+              "found a matrix whose correlation has the eigenvalue " + shortest_number(rounded(least, 9)) +
+                  ", allowed a positive semi-definite matrix",
+              least, 0, "");
     return;
   }
   value = m;
 }
 
 void read_pose(Readout& out, const YAML::Node& node, const std::string& field, const Field& f, PoseText& value) {
-  const std::string forms = std::string("{xyz, quat: [w,x,y,z]}, {xyz, zyx: [A,B,C]}, {xyz, rpy: [Rx,Ry,Rz]}, {matrix: 4x4}") + (f.allows_joints ? ", {joints: [6 angles]}" : "");
+  const std::string forms = std::string("{xyz, quat: [w,x,y,z]}, {xyz, zyx: [A,B,C]}, {xyz, rpy: [Rx,Ry,Rz]}, {matrix: 4x4}") +
+                            (f.allows_joints ? ", {joints: [6 angles]}" : "");
   if (!node.IsMap()) {
     out.fault("input.bad_pose", field, "found " + found_text(node) + ", allowed one of " + forms);
     return;
@@ -239,10 +259,12 @@ void read_pose(Readout& out, const YAML::Node& node, const std::string& field, c
   std::map<std::string, YAML::Node> parts;
   for (const auto& entry : node) {
     const std::string key = entry.first.IsScalar() ? entry.first.Scalar() : "?";
-    const bool is_known = key == "xyz" || key == "quat" || key == "zyx" || key == "rpy" || key == "matrix" || (key == "joints" && f.allows_joints);
+    const bool is_known =
+        key == "xyz" || key == "quat" || key == "zyx" || key == "rpy" || key == "matrix" || (key == "joints" && f.allows_joints);
     if (!is_known || parts.count(key)) {
       out.lines[field + "." + shown(key)] = entry.first.Mark().line + 1;
-      out.fault(parts.count(key) ? "input.duplicate_key" : "input.unknown_key", field + "." + shown(key), "found the key '" + shown(key) + "'" + (parts.count(key) ? " twice" : "") + ", allowed one of " + forms);
+      out.fault(parts.count(key) ? "input.duplicate_key" : "input.unknown_key", field + "." + shown(key),
+                "found the key '" + shown(key) + "'" + (parts.count(key) ? " twice" : "") + ", allowed one of " + forms);
       return;
     }
     parts[key] = entry.second;
@@ -273,11 +295,14 @@ void read_pose(Readout& out, const YAML::Node& node, const std::string& field, c
     const Mat3 r = m.topLeftCorner<3, 3>();
     const double error = (r * r.transpose() - Mat3::Identity()).cwiseAbs().maxCoeff();
     if (!(error < 1e-4)) {
-      out.fault("input.bad_pose", field + ".matrix", "found a matrix whose rows are not orthonormal (error " + shortest_number(rounded(error, 6)) + "), allowed a rotation", error, 1e-4, "");
+      out.fault("input.bad_pose", field + ".matrix",
+                "found a matrix whose rows are not orthonormal (error " + shortest_number(rounded(error, 6)) + "), allowed a rotation",
+                error, 1e-4, "");
       return;
     }
     if (r.determinant() < 0) {
-      out.fault("input.bad_pose", field + ".matrix", "found a reflection (determinant -1), allowed a rotation (determinant +1)", r.determinant(), 1, "");
+      out.fault("input.bad_pose", field + ".matrix", "found a reflection (determinant -1), allowed a rotation (determinant +1)",
+                r.determinant(), 1, "");
       return;
     }
     if ((m.row(3) - Eigen::RowVector4d(0, 0, 0, 1)).cwiseAbs().maxCoeff() > 1e-9) {
@@ -296,7 +321,8 @@ void read_pose(Readout& out, const YAML::Node& node, const std::string& field, c
     if (!numbers_at(out, parts["quat"], field + ".quat", w, 10, "") || !ok) return;
     Eigen::Quaterniond q(w[0], w[1], w[2], w[3]);
     if (std::abs(q.norm() - 1) > 1e-3) {
-      out.fault("input.bad_pose", field + ".quat", "found a quaternion of length " + fixed_number(q.norm(), 6) + ", allowed 1 within 0.001", q.norm(), 1, "");
+      out.fault("input.bad_pose", field + ".quat", "found a quaternion of length " + fixed_number(q.norm(), 6) + ", allowed 1 within 0.001",
+                q.norm(), 1, "");
       return;
     }
     value.q = q.normalized();

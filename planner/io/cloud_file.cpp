@@ -16,7 +16,10 @@ using namespace text_scan;
 /// line of words at the head names the columns.
 Result<CloudFile> read_xyz_points(std::string_view bytes, const std::string& name) {
   if (const auto bad = first_not_utf8(bytes.substr(0, 4096)); bad && *bad + 4 < std::min<std::size_t>(bytes.size(), 4096))
-    return refuse({.code = "input.cloud_format", .where = name + ": byte " + std::to_string(*bad), .message = "found bytes that are neither PLY nor PCD nor text, allowed PLY, PCD, XYZ text", .stage = "input"});
+    return refuse({.code = "input.cloud_format",
+                   .where = name + ": byte " + std::to_string(*bad),
+                   .message = "found bytes that are neither PLY nor PCD nor text, allowed PLY, PCD, XYZ text",
+                   .stage = "input"});
   CloudFile cloud;
   cloud.format = "xyz";
   std::string_view rest = bytes, line;
@@ -59,16 +62,29 @@ Result<CloudFile> read_xyz_points(std::string_view bytes, const std::string& nam
     }
     if (count < 3) {
       if (rest.empty() && !is_bad && had_data)
-        return refuse({.code = "input.cloud_truncated", .where = name + ":" + std::to_string(number), .message = "found a last line with " + std::to_string(count) + " of 3 coordinates, allowed whole lines; copy or export the file again", .measured = double(count), .limit = 3, .stage = "input"});
-      return refuse({.code = had_data ? "input.cloud_value" : "input.cloud_format", .where = name + ":" + std::to_string(number),
-                     .message = "found " + (is_bad ? shown_word(word) : "a line with " + std::to_string(count) + " values") + ", allowed x y z with decimal points, divided by blanks, commas or semicolons", .stage = "input"});
+        return refuse({.code = "input.cloud_truncated",
+                       .where = name + ":" + std::to_string(number),
+                       .message = "found a last line with " + std::to_string(count) +
+                                  " of 3 coordinates, allowed whole lines; copy or export the file again",
+                       .measured = double(count),
+                       .limit = 3,
+                       .stage = "input"});
+      return refuse({.code = had_data ? "input.cloud_value" : "input.cloud_format",
+                     .where = name + ":" + std::to_string(number),
+                     .message = "found " + (is_bad ? shown_word(word) : "a line with " + std::to_string(count) + " values") +
+                                ", allowed x y z with decimal points, divided by blanks, commas or semicolons",
+                     .stage = "input"});
     }
     had_data = true;
     const Eigen::Vector3f p(static_cast<float>(xyz[0]), static_cast<float>(xyz[1]), static_cast<float>(xyz[2]));
     if (p.allFinite()) cloud.points.push_back(p);
     else ++cloud.dropped_count;
   }
-  if (!had_data) return refuse({.code = "input.cloud_format", .where = name, .message = "found no line of coordinates, allowed PLY, PCD, XYZ text", .stage = "input"});
+  if (!had_data)
+    return refuse({.code = "input.cloud_format",
+                   .where = name,
+                   .message = "found no line of coordinates, allowed PLY, PCD, XYZ text",
+                   .stage = "input"});
   return cloud;
 }
 

@@ -11,12 +11,16 @@
 namespace asbuilt {
 
 Result<std::string> read_file(const std::filesystem::path& file, const std::string& name) {
-  const auto refused = [&](const char* code, const std::string& message) { return refuse({.code = code, .where = name, .message = message, .stage = "input"}); };
+  const auto refused = [&](const char* code, const std::string& message) {
+    return refuse({.code = code, .where = name, .message = message, .stage = "input"});
+  };
   const int fd = ::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
   if (fd < 0) {
     const int error = errno;
-    if (error == ENOENT || error == ENOTDIR) return refused("input.file_missing", "found no such file; check the path, which is relative to the file that names it");
-    return refused("input.file_unreadable", std::string("found a file that cannot be opened (") + std::strerror(error) + "); check its permissions");
+    if (error == ENOENT || error == ENOTDIR)
+      return refused("input.file_missing", "found no such file; check the path, which is relative to the file that names it");
+    return refused("input.file_unreadable",
+                   std::string("found a file that cannot be opened (") + std::strerror(error) + "); check its permissions");
   }
   struct stat info {};
   std::string bytes;
@@ -42,7 +46,10 @@ Result<std::string> read_file(const std::filesystem::path& file, const std::stri
 }
 
 Result<WrittenFile> write_file(const std::filesystem::path& file, std::string_view bytes) {
-  const auto refused = [&](const std::string& why) { return refuse({.code = "input.file_unwritable", .where = file.string(), .message = "cannot write this file (" + why + ")", .stage = "input"}); };
+  const auto refused = [&](const std::string& why) {
+    return refuse(
+        {.code = "input.file_unwritable", .where = file.string(), .message = "cannot write this file (" + why + ")", .stage = "input"});
+  };
   std::error_code error;
   if (file.has_parent_path()) std::filesystem::create_directories(file.parent_path(), error);
   if (error) return refused(error.message());
@@ -84,7 +91,8 @@ std::optional<std::size_t> first_not_utf8(std::string_view text) {
       if ((d & 0xc0) != 0x80) return i;
       code = (code << 6) | (d & 0x3f);
     }
-    if ((extra == 2 && (code < 0x800 || (code >= 0xd800 && code < 0xe000))) || (extra == 3 && (code < 0x10000 || code > 0x10ffff))) return i;
+    if ((extra == 2 && (code < 0x800 || (code >= 0xd800 && code < 0xe000))) || (extra == 3 && (code < 0x10000 || code > 0x10ffff)))
+      return i;
     i += std::size_t(extra) + 1;
   }
   return std::nullopt;

@@ -24,7 +24,9 @@ std::string extension_of(const std::string& name) {
   return e;
 }
 
-tl::unexpected<Refusals> refused(const char* code, const std::string& where, const std::string& message) { return refuse({.code = code, .where = where, .message = message, .stage = "input"}); }
+tl::unexpected<Refusals> refused(const char* code, const std::string& where, const std::string& message) {
+  return refuse({.code = code, .where = where, .message = message, .stage = "input"});
+}
 
 bool is_stl_text(std::string_view bytes) {
   std::uint32_t count = 0;
@@ -38,14 +40,23 @@ std::optional<Refusals> check_stl(std::string_view bytes, const std::string& nam
   std::uint32_t count = 0;
   if (bytes.size() >= 84) std::memcpy(&count, bytes.data() + 80, 4);
   if (is_stl_text(bytes)) {
-    if (bytes.find("endsolid") == std::string_view::npos) return refused("input.mesh_truncated", name, "found an STL text without 'endsolid'; copy or export the file again").value();
+    if (bytes.find("endsolid") == std::string_view::npos)
+      return refused("input.mesh_truncated", name, "found an STL text without 'endsolid'; copy or export the file again").value();
     return std::nullopt;
   }
-  if (bytes.size() < 84) return refused("input.mesh_truncated", name + ": byte " + std::to_string(bytes.size()), "found the end of the file inside the STL header").value();
+  if (bytes.size() < 84)
+    return refused("input.mesh_truncated", name + ": byte " + std::to_string(bytes.size()),
+                   "found the end of the file inside the STL header")
+        .value();
   if (bytes.size() < 84 + std::size_t(count) * 50)
-    return Refusals{{.code = "input.mesh_truncated", .where = name + ": byte " + std::to_string(bytes.size()),
-                     .message = "found the end of the file after " + std::to_string((bytes.size() - 84) / 50) + " of " + std::to_string(count) + " triangles, allowed all; copy or export the file again",
-                     .measured = double((bytes.size() - 84) / 50), .limit = double(count), .unit = "triangles", .stage = "input"}};
+    return Refusals{{.code = "input.mesh_truncated",
+                     .where = name + ": byte " + std::to_string(bytes.size()),
+                     .message = "found the end of the file after " + std::to_string((bytes.size() - 84) / 50) + " of " +
+                                std::to_string(count) + " triangles, allowed all; copy or export the file again",
+                     .measured = double((bytes.size() - 84) / 50),
+                     .limit = double(count),
+                     .unit = "triangles",
+                     .stage = "input"}};
   return std::nullopt;  // bytes after the last triangle are none of ours
 }
 
@@ -116,18 +127,24 @@ Result<MeshFile> read_stl_text(std::string_view bytes, const std::string& name, 
       Vec3 v;
       for (int k = 0; k < 3; ++k)
         if (const std::string_view w = text_scan::take_word(line); !text_scan::parse_number(w, v[k]))
-          return refused("input.mesh_broken", name + ":" + std::to_string(number), "found " + text_scan::shown_word(w) + ", allowed three numbers with decimal points");
-      if (corners == 3) return refused("input.mesh_broken", name + ":" + std::to_string(number), "found a facet of more than three corners, allowed three");
+          return refused("input.mesh_broken", name + ":" + std::to_string(number),
+                         "found " + text_scan::shown_word(w) + ", allowed three numbers with decimal points");
+      if (corners == 3)
+        return refused("input.mesh_broken", name + ":" + std::to_string(number), "found a facet of more than three corners, allowed three");
       corner[corners++] = scale * v;
     } else if (word == "endfacet") {
-      if (corners != 3) return refused("input.mesh_broken", name + ":" + std::to_string(number), "found a facet of " + std::to_string(corners) + " corners, allowed three");
+      if (corners != 3)
+        return refused("input.mesh_broken", name + ":" + std::to_string(number),
+                       "found a facet of " + std::to_string(corners) + " corners, allowed three");
       welder.add(corner, out);
       corners = 0;
     } else if (word == "facet") {
       corners = 0;
     }
   }
-  if (corners != 0) return refused("input.mesh_truncated", name + ":" + std::to_string(number), "found the end of the file inside a facet; copy or export the file again");
+  if (corners != 0)
+    return refused("input.mesh_truncated", name + ":" + std::to_string(number),
+                   "found the end of the file inside a facet; copy or export the file again");
   return out;
 }
 
@@ -177,11 +194,16 @@ Result<MeshFile> read_by_assimp(std::string_view bytes, const std::string& name,
   try {
     Assimp::Importer importer;
     if (hint.empty() || !importer.IsExtensionSupported("." + hint))
-      return refused("input.mesh_format", name, "found a file of the format '" + hint.substr(0, 20) + "', allowed STL, PLY, OBJ, 3MF, DAE and what else assimp reads");
+      return refused("input.mesh_format", name,
+                     "found a file of the format '" + hint.substr(0, 20) + "', allowed STL, PLY, OBJ, 3MF, DAE and what else assimp reads");
     importer.SetPropertyBool(AI_CONFIG_IMPORT_COLLADA_IGNORE_UP_DIRECTION, true);
     const aiScene* scene = importer.ReadFileFromMemory(bytes.data(), bytes.size(), 0, hint.c_str());
-    if (!scene || !scene->mRootNode) return refused("input.mesh_broken", name, std::string("found a file that cannot be read as a mesh (") + std::string(importer.GetErrorString()).substr(0, 200) + ")");
-    if (!has_valid_indices(*scene)) return refused("input.mesh_broken", name, "found a face with a corner that is not in the file; export the mesh again");
+    if (!scene || !scene->mRootNode)
+      return refused(
+          "input.mesh_broken", name,
+          std::string("found a file that cannot be read as a mesh (") + std::string(importer.GetErrorString()).substr(0, 200) + ")");
+    if (!has_valid_indices(*scene))
+      return refused("input.mesh_broken", name, "found a face with a corner that is not in the file; export the mesh again");
     Welder welder;
     collect(*scene, *scene->mRootNode, aiMatrix4x4(), mm_per_unit, welder, out, 0);
   } catch (const std::exception& e) {
@@ -218,12 +240,14 @@ Result<MeshFile> read_mesh(std::string_view bytes, const std::string& name, doub
   } else {
     read = read_by_assimp(bytes, name, hint, mm_per_unit);
   }
-  if (read && read->mesh.triangles.empty()) return refused("input.mesh_empty", name, "found a mesh without a single triangle, allowed at least one");
+  if (read && read->mesh.triangles.empty())
+    return refused("input.mesh_empty", name, "found a mesh without a single triangle, allowed at least one");
   return read;
 }
 
 std::string write_mesh_ply(const Mesh& mesh) {
-  std::string bytes = "ply\nformat binary_little_endian 1.0\ncomment mm\nelement vertex " + std::to_string(mesh.vertices.size()) + "\nproperty double x\nproperty double y\nproperty double z\nelement face " + std::to_string(mesh.triangles.size()) +
+  std::string bytes = "ply\nformat binary_little_endian 1.0\ncomment mm\nelement vertex " + std::to_string(mesh.vertices.size()) +
+                      "\nproperty double x\nproperty double y\nproperty double z\nelement face " + std::to_string(mesh.triangles.size()) +
                       "\nproperty list uchar int vertex_indices\nend_header\n";
   bytes.reserve(bytes.size() + 24 * mesh.vertices.size() + 13 * mesh.triangles.size());
   for (const Vec3& v : mesh.vertices)
@@ -250,9 +274,11 @@ std::string write_mesh_stl(const Mesh& mesh) {
   return bytes;
 }
 
-std::string write_cloud_ply(const std::vector<Eigen::Vector3f>& points, const std::vector<Eigen::Vector3f>& normals, const std::vector<float>& sigma) {
+std::string write_cloud_ply(const std::vector<Eigen::Vector3f>& points, const std::vector<Eigen::Vector3f>& normals,
+                            const std::vector<float>& sigma) {
   const bool has_normals = !points.empty() && normals.size() == points.size(), has_sigma = !points.empty() && sigma.size() == points.size();
-  std::string bytes = "ply\nformat binary_little_endian 1.0\ncomment mm\nelement vertex " + std::to_string(points.size()) + "\nproperty float x\nproperty float y\nproperty float z\n";
+  std::string bytes = "ply\nformat binary_little_endian 1.0\ncomment mm\nelement vertex " + std::to_string(points.size()) +
+                      "\nproperty float x\nproperty float y\nproperty float z\n";
   if (has_normals) bytes += "property float nx\nproperty float ny\nproperty float nz\n";
   if (has_sigma) bytes += "property float sigma\n";
   bytes += "end_header\n";

@@ -15,9 +15,9 @@
 namespace asbuilt {
 
 struct MeshFile {
-  Mesh mesh;                           // coordinates times mm_per_unit
-  std::size_t degenerate_count = 0;    // triangles dropped: two corners at the same place
-  std::size_t dropped_count = 0;       // triangles dropped: a NaN or infinite corner
+  Mesh mesh;                         // coordinates times mm_per_unit
+  std::size_t degenerate_count = 0;  // triangles dropped: two corners at the same place
+  std::size_t dropped_count = 0;     // triangles dropped: a NaN or infinite corner
 };
 
 /// mm per unit where the format itself says so (3MF, DAE); nothing for STL, PLY, OBJ and the like.

@@ -33,7 +33,8 @@ double value_at(const char* p, const PcdField& f) {
     return double(v);
   };
   if (f.type == 'F') return f.size == 4 ? as(float{}) : as(double{});
-  if (f.type == 'I') return f.size == 1 ? as(std::int8_t{}) : f.size == 2 ? as(std::int16_t{}) : f.size == 4 ? as(std::int32_t{}) : as(std::int64_t{});
+  if (f.type == 'I')
+    return f.size == 1 ? as(std::int8_t{}) : f.size == 2 ? as(std::int16_t{}) : f.size == 4 ? as(std::int32_t{}) : as(std::int64_t{});
   return f.size == 1 ? as(std::uint8_t{}) : f.size == 2 ? as(std::uint16_t{}) : f.size == 4 ? as(std::uint32_t{}) : as(std::uint64_t{});
 }
 
@@ -70,17 +71,16 @@ bool lzf_expand(std::string_view from, std::string& to) {
 
 void add_point(CloudFile& cloud, double x, double y, double z) {
   const Eigen::Vector3f p(static_cast<float>(x), static_cast<float>(y), static_cast<float>(z));
-  if (p.allFinite())
-    cloud.points.push_back(p);
-  else
-    ++cloud.dropped_count;
+  if (p.allFinite()) cloud.points.push_back(p);
+  else ++cloud.dropped_count;
 }
 
 }  // namespace
 
 bool is_pcd(std::string_view bytes) {
   const std::string_view head = bytes.substr(0, 200);
-  return head.substr(0, 6) == "# .PCD" || head.substr(0, 7) == "VERSION" || (head.substr(0, 1) == "#" && head.find("\nVERSION") != std::string_view::npos);
+  return head.substr(0, 6) == "# .PCD" || head.substr(0, 7) == "VERSION" ||
+         (head.substr(0, 1) == "#" && head.find("\nVERSION") != std::string_view::npos);
 }
 
 Result<CloudFile> read_pcd_points(std::string_view bytes, const std::string& name) {
@@ -88,38 +88,51 @@ Result<CloudFile> read_pcd_points(std::string_view bytes, const std::string& nam
   std::optional<std::uint64_t> points, width, height;
   std::string_view rest = bytes, line, data;
   int number = 0;
-  const auto refused = [&](const char* code, const std::string& message) { return refuse({.code = code, .where = name + ":" + std::to_string(number), .message = message, .stage = "input"}); };
+  const auto refused = [&](const char* code, const std::string& message) {
+    return refuse({.code = code, .where = name + ":" + std::to_string(number), .message = message, .stage = "input"});
+  };
   while (data.empty()) {
-    if (!take_line(rest, line)) return refused("input.cloud_header", "found the end of the file inside the header, allowed a DATA line; copy or export the file again");
+    if (!take_line(rest, line))
+      return refused("input.cloud_header",
+                     "found the end of the file inside the header, allowed a DATA line; copy or export the file again");
     ++number;
     if (number > 1000) return refused("input.cloud_header", "found a header of more than 1000 lines, allowed less");
     const std::string_view key = take_word(line);
     if (key.empty() || key.front() == '#' || key == "VERSION" || key == "VIEWPOINT") continue;
     if (key == "FIELDS" || key == "COLUMNS") {
       fields.clear();
-      for (std::string_view w = take_word(line); !w.empty() && fields.size() < 1000; w = take_word(line)) fields.push_back({.name = std::string(w)});
+      for (std::string_view w = take_word(line); !w.empty() && fields.size() < 1000; w = take_word(line))
+        fields.push_back({.name = std::string(w)});
     } else if (key == "SIZE" || key == "TYPE" || key == "COUNT") {
       for (PcdField& f : fields) {
         const std::string_view w = take_word(line);
         if (key == "TYPE") {
-          if (w != "F" && w != "I" && w != "U") return refused("input.cloud_header", "found the type " + shown_word(w) + " of field '" + f.name.substr(0, 40) + "', allowed F, I, U");
+          if (w != "F" && w != "I" && w != "U")
+            return refused("input.cloud_header",
+                           "found the type " + shown_word(w) + " of field '" + f.name.substr(0, 40) + "', allowed F, I, U");
           f.type = w[0];
         } else {
           const auto v = whole(w, key == "SIZE" ? 8 : 1000000);
-          if (!v) return refused("input.cloud_header", "found " + shown_word(w) + " in the line " + std::string(key) + ", allowed a whole number for every field");
+          if (!v)
+            return refused("input.cloud_header",
+                           "found " + shown_word(w) + " in the line " + std::string(key) + ", allowed a whole number for every field");
           (key == "SIZE" ? f.size : f.count) = int(*v);
         }
       }
     } else if (key == "WIDTH" || key == "HEIGHT" || key == "POINTS") {
       const std::string_view w = take_word(line);
       const auto v = whole(w, 1ull << 40);
-      if (!v) return refused("input.cloud_header", "found " + shown_word(w) + " in the line " + std::string(key) + ", allowed a whole number below 2^40");
+      if (!v)
+        return refused("input.cloud_header",
+                       "found " + shown_word(w) + " in the line " + std::string(key) + ", allowed a whole number below 2^40");
       (key == "WIDTH" ? width : key == "HEIGHT" ? height : points) = v;
     } else if (key == "DATA") {
       data = take_word(line);
-      if (data != "ascii" && data != "binary" && data != "binary_compressed") return refused("input.cloud_header", "found DATA " + shown_word(data) + ", allowed ascii, binary, binary_compressed");
+      if (data != "ascii" && data != "binary" && data != "binary_compressed")
+        return refused("input.cloud_header", "found DATA " + shown_word(data) + ", allowed ascii, binary, binary_compressed");
     } else {
-      return refused("input.cloud_header", "found " + shown_word(key) + ", allowed VERSION, FIELDS, SIZE, TYPE, COUNT, WIDTH, HEIGHT, VIEWPOINT, POINTS, DATA");
+      return refused("input.cloud_header",
+                     "found " + shown_word(key) + ", allowed VERSION, FIELDS, SIZE, TYPE, COUNT, WIDTH, HEIGHT, VIEWPOINT, POINTS, DATA");
     }
   }
   if (!points && width && height && (*height == 0 || *width < (1ull << 40) / *height)) points = *width * *height;
@@ -128,7 +141,9 @@ Result<CloudFile> read_pcd_points(std::string_view bytes, const std::string& nam
   std::size_t stride = 0;
   for (PcdField& f : fields) {
     const bool is_good = f.type == 'F' ? f.size == 4 || f.size == 8 : f.size == 1 || f.size == 2 || f.size == 4 || f.size == 8;
-    if (!is_good) return refused("input.cloud_header", "found the field '" + f.name.substr(0, 40) + "' of type " + f.type + std::to_string(f.size) + ", allowed F4, F8, I1 to I8, U1 to U8");
+    if (!is_good)
+      return refused("input.cloud_header", "found the field '" + f.name.substr(0, 40) + "' of type " + f.type + std::to_string(f.size) +
+                                               ", allowed F4, F8, I1 to I8, U1 to U8");
     f.offset = stride;
     stride += std::size_t(f.size) * std::size_t(f.count);
     for (int k = 0; k < 3; ++k)
@@ -138,9 +153,14 @@ Result<CloudFile> read_pcd_points(std::string_view bytes, const std::string& nam
   CloudFile cloud;
   cloud.format = "pcd " + std::string(data);
   const auto ends_early = [&](const std::string& where, std::uint64_t done) {
-    return refuse({.code = "input.cloud_truncated", .where = where,
-                   .message = "found the end of the file after " + std::to_string(done) + " of " + std::to_string(*points) + " points, allowed as many as the header says; copy or export the file again",
-                   .measured = double(done), .limit = double(*points), .unit = "points", .stage = "input"});
+    return refuse({.code = "input.cloud_truncated",
+                   .where = where,
+                   .message = "found the end of the file after " + std::to_string(done) + " of " + std::to_string(*points) +
+                              " points, allowed as many as the header says; copy or export the file again",
+                   .measured = double(done),
+                   .limit = double(*points),
+                   .unit = "points",
+                   .stage = "input"});
   };
   if (data == "ascii") {
     cloud.points.reserve(std::min<std::uint64_t>(*points, rest.size() / (2 * fields.size()) + 1));
@@ -155,7 +175,9 @@ Result<CloudFile> read_pcd_points(std::string_view bytes, const std::string& nam
           const std::string_view w = take_word(line);
           double v = 0;
           if (w.empty() && rest.empty()) return ends_early(name + ":" + std::to_string(number), i);
-          if (!parse_number(w, v)) return refused("input.cloud_value", "found " + (w.empty() ? std::string("no value") : shown_word(w)) + " for field '" + f.name.substr(0, 40) + "', allowed a number with a decimal point");
+          if (!parse_number(w, v))
+            return refused("input.cloud_value", "found " + (w.empty() ? std::string("no value") : shown_word(w)) + " for field '" +
+                                                    f.name.substr(0, 40) + "', allowed a number with a decimal point");
           for (int k = 0; k < 3; ++k)
             if (axis[k] == &f) xyz[k] = v;
         }
@@ -175,14 +197,20 @@ Result<CloudFile> read_pcd_points(std::string_view bytes, const std::string& nam
     std::uint32_t packed = 0, plain = 0;
     std::memcpy(&packed, rest.data(), 4), std::memcpy(&plain, rest.data() + 4, 4);
     if (rest.size() - 8 < packed) return ends_early(name + ": byte " + std::to_string(bytes.size()), 0);
-    const auto broken = [&](const std::string& message) { return refuse({.code = "input.cloud_value", .where = name + ": byte " + std::to_string(begin), .message = message, .stage = "input"}); };
-    if (plain != *points * stride || *points > (1ull << 32)) return broken("found compressed data of " + std::to_string(plain) + " bytes, allowed " + std::to_string(*points) + " points of " + std::to_string(stride) + " bytes");
+    const auto broken = [&](const std::string& message) {
+      return refuse({.code = "input.cloud_value", .where = name + ": byte " + std::to_string(begin), .message = message, .stage = "input"});
+    };
+    if (plain != *points * stride || *points > (1ull << 32))
+      return broken("found compressed data of " + std::to_string(plain) + " bytes, allowed " + std::to_string(*points) + " points of " +
+                    std::to_string(stride) + " bytes");
     if (plain / 100 > packed) return broken("found data that grow more than 100 times, which this compression cannot");
     expanded.resize(plain);
-    if (!lzf_expand(rest.substr(8, packed), expanded)) return broken("found compressed data that do not expand to their length; copy or export the file again");
+    if (!lzf_expand(rest.substr(8, packed), expanded))
+      return broken("found compressed data that do not expand to their length; copy or export the file again");
     for (int k = 0; k < 3; ++k) base[k] = expanded.data() + axis[k]->offset * *points, step[k] = std::size_t(axis[k]->size);
   }
-  const bool are_floats = axis[0]->type == 'F' && axis[1]->type == 'F' && axis[2]->type == 'F' && axis[0]->size == 4 && axis[1]->size == 4 && axis[2]->size == 4;
+  const bool are_floats = axis[0]->type == 'F' && axis[1]->type == 'F' && axis[2]->type == 'F' && axis[0]->size == 4 &&
+                          axis[1]->size == 4 && axis[2]->size == 4;
   if (are_floats) {
     cloud.points.resize(*points);
     Eigen::Vector3f* to = cloud.points.data();
@@ -200,7 +228,8 @@ Result<CloudFile> read_pcd_points(std::string_view bytes, const std::string& nam
   }
   cloud.points.reserve(*points);
   for (std::uint64_t i = 0; i < *points; ++i)
-    add_point(cloud, value_at(base[0] + i * step[0], *axis[0]), value_at(base[1] + i * step[1], *axis[1]), value_at(base[2] + i * step[2], *axis[2]));
+    add_point(cloud, value_at(base[0] + i * step[0], *axis[0]), value_at(base[1] + i * step[1], *axis[1]),
+              value_at(base[2] + i * step[2], *axis[2]));
   return cloud;
 }
 

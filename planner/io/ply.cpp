@@ -22,10 +22,10 @@ int size_of(PlyType t) {
 
 std::optional<PlyType> type_of(std::string_view word) {
   static constexpr std::pair<std::string_view, PlyType> names[] = {
-      {"char", PlyType::int8}, {"int8", PlyType::int8}, {"uchar", PlyType::uint8}, {"uint8", PlyType::uint8}, {"short", PlyType::int16},
-      {"int16", PlyType::int16}, {"ushort", PlyType::uint16}, {"uint16", PlyType::uint16}, {"int", PlyType::int32}, {"int32", PlyType::int32},
-      {"uint", PlyType::uint32}, {"uint32", PlyType::uint32}, {"float", PlyType::float32}, {"float32", PlyType::float32},
-      {"double", PlyType::float64}, {"float64", PlyType::float64}};
+      {"char", PlyType::int8},     {"int8", PlyType::int8},       {"uchar", PlyType::uint8},    {"uint8", PlyType::uint8},
+      {"short", PlyType::int16},   {"int16", PlyType::int16},     {"ushort", PlyType::uint16},  {"uint16", PlyType::uint16},
+      {"int", PlyType::int32},     {"int32", PlyType::int32},     {"uint", PlyType::uint32},    {"uint32", PlyType::uint32},
+      {"float", PlyType::float32}, {"float32", PlyType::float32}, {"double", PlyType::float64}, {"float64", PlyType::float64}};
   for (const auto& [name, type] : names)
     if (name == word) return type;
   return std::nullopt;
@@ -36,8 +36,7 @@ double value_as(const char* p, bool is_big) {
   char b[sizeof(T)];
   if (is_big)
     for (std::size_t i = 0; i < sizeof(T); ++i) b[i] = p[sizeof(T) - 1 - i];
-  else
-    std::memcpy(b, p, sizeof(T));
+  else std::memcpy(b, p, sizeof(T));
   T v;
   std::memcpy(&v, b, sizeof(T));
   return double(v);
@@ -45,20 +44,26 @@ double value_as(const char* p, bool is_big) {
 
 double value_at(const char* p, PlyType t, bool is_big) {
   switch (t) {
-    case PlyType::int8: return double(static_cast<signed char>(*p));
-    case PlyType::uint8: return double(static_cast<unsigned char>(*p));
-    case PlyType::int16: return value_as<std::int16_t>(p, is_big);
-    case PlyType::uint16: return value_as<std::uint16_t>(p, is_big);
-    case PlyType::int32: return value_as<std::int32_t>(p, is_big);
-    case PlyType::uint32: return value_as<std::uint32_t>(p, is_big);
-    case PlyType::float32: return value_as<float>(p, is_big);
-    default: return value_as<double>(p, is_big);
+    case PlyType::int8:
+      return double(static_cast<signed char>(*p));
+    case PlyType::uint8:
+      return double(static_cast<unsigned char>(*p));
+    case PlyType::int16:
+      return value_as<std::int16_t>(p, is_big);
+    case PlyType::uint16:
+      return value_as<std::uint16_t>(p, is_big);
+    case PlyType::int32:
+      return value_as<std::int32_t>(p, is_big);
+    case PlyType::uint32:
+      return value_as<std::uint32_t>(p, is_big);
+    case PlyType::float32:
+      return value_as<float>(p, is_big);
+    default:
+      return value_as<double>(p, is_big);
   }
 }
 
-bool is_finite(float f) {
-  return (std::bit_cast<std::uint32_t>(f) & 0x7f800000u) != 0x7f800000u;
-}
+bool is_finite(float f) { return (std::bit_cast<std::uint32_t>(f) & 0x7f800000u) != 0x7f800000u; }
 
 struct Coordinates {
   int property[3] = {-1, -1, -1};
@@ -73,18 +78,21 @@ Coordinates coordinates_of(const PlyElement& e) {
 }
 
 tl::unexpected<Refusals> ends_early(const std::string& where, const PlyElement& e, std::uint64_t done) {
-  return refuse({.code = "input.cloud_truncated", .where = where,
-                 .message = "found the end of the file after " + std::to_string(done) + " of " + std::to_string(e.count) + " entries of element '" + e.name.substr(0, 40) +
+  return refuse({.code = "input.cloud_truncated",
+                 .where = where,
+                 .message = "found the end of the file after " + std::to_string(done) + " of " + std::to_string(e.count) +
+                            " entries of element '" + e.name.substr(0, 40) +
                             "', allowed as many as the header says; copy or export the file again",
-                 .measured = double(done), .limit = double(e.count), .unit = "entries", .stage = "input"});
+                 .measured = double(done),
+                 .limit = double(e.count),
+                 .unit = "entries",
+                 .stage = "input"});
 }
 
 void add_point(CloudFile& cloud, double x, double y, double z) {
   const Eigen::Vector3f p(static_cast<float>(x), static_cast<float>(y), static_cast<float>(z));
-  if (is_finite(p.x()) && is_finite(p.y()) && is_finite(p.z()))
-    cloud.points.push_back(p);
-  else
-    ++cloud.dropped_count;
+  if (is_finite(p.x()) && is_finite(p.y()) && is_finite(p.z())) cloud.points.push_back(p);
+  else ++cloud.dropped_count;
 }
 
 /// Where the values of a file go: points of a cloud, or vertices and faces of a mesh.
@@ -116,7 +124,8 @@ void read_records(const char* data, const PlyElement& e, std::size_t stride, boo
     offset[k] = 0;
     for (int i = 0; i < c.property[k]; ++i) offset[k] += std::size_t(size_of(e.properties[std::size_t(i)].type));
   }
-  const PlyType tx = e.properties[std::size_t(c.property[0])].type, ty = e.properties[std::size_t(c.property[1])].type, tz = e.properties[std::size_t(c.property[2])].type;
+  const PlyType tx = e.properties[std::size_t(c.property[0])].type, ty = e.properties[std::size_t(c.property[1])].type,
+                tz = e.properties[std::size_t(c.property[2])].type;
   const bool is_float_row = tx == PlyType::float32 && ty == tx && tz == tx && offset[1] == offset[0] + 4 && offset[2] == offset[0] + 8;
   if (is_float_row && !is_big && !sink.wants_mesh) {
     cloud.points.resize(e.count);
@@ -135,7 +144,8 @@ void read_records(const char* data, const PlyElement& e, std::size_t stride, boo
     return;
   }
   if (!sink.wants_mesh) cloud.points.reserve(e.count);
-  for (std::uint64_t i = 0; i < e.count; ++i, data += stride) sink.point(value_at(data + offset[0], tx, is_big), value_at(data + offset[1], ty, is_big), value_at(data + offset[2], tz, is_big));
+  for (std::uint64_t i = 0; i < e.count; ++i, data += stride)
+    sink.point(value_at(data + offset[0], tx, is_big), value_at(data + offset[1], ty, is_big), value_at(data + offset[2], tz, is_big));
 }
 
 /// Fills the sink; a refusal, or nothing.
@@ -171,12 +181,17 @@ std::optional<Refusals> read_binary(std::string_view bytes, const PlyHeader& h, 
         const double value = value_at(bytes.data() + at, p.is_list ? p.count_type : p.type, is_big);
         if (p.is_list) {
           if (!(value >= 0) || value != std::floor(value))
-            return refuse({.code = "input.cloud_value", .where = here(), .message = "found a list of negative or broken length, allowed a whole number from 0", .stage = "input"}).value();
+            return refuse({.code = "input.cloud_value",
+                           .where = here(),
+                           .message = "found a list of negative or broken length, allowed a whole number from 0",
+                           .stage = "input"})
+                .value();
           at += size;
           if (value > double((bytes.size() - at) / std::size_t(size_of(p.type)))) return ends_early(here(), e, i).value();
           if (int(k) == corners) {
             sink.mesh.sizes.push_back(std::uint32_t(value));
-            for (std::size_t n = 0; n < std::size_t(value); ++n) sink.corner(value_at(bytes.data() + at + n * std::size_t(size_of(p.type)), p.type, is_big));
+            for (std::size_t n = 0; n < std::size_t(value); ++n)
+              sink.corner(value_at(bytes.data() + at + n * std::size_t(size_of(p.type)), p.type, is_big));
           }
           at += std::size_t(value) * std::size_t(size_of(p.type));
           continue;
@@ -216,14 +231,27 @@ std::optional<Refusals> read_ascii(std::string_view bytes, const PlyHeader& h, c
           const std::string_view word = take_word(line);
           if (word.empty()) {
             if (rest.empty()) return ends_early(here(), e, i).value();
-            return refuse({.code = "input.cloud_value", .where = here(), .message = "found a line of element '" + e.name.substr(0, 40) + "' with too few values for '" + p.name.substr(0, 40) + "', allowed all of them on one line", .stage = "input"}).value();
+            return refuse({.code = "input.cloud_value",
+                           .where = here(),
+                           .message = "found a line of element '" + e.name.substr(0, 40) + "' with too few values for '" +
+                                      p.name.substr(0, 40) + "', allowed all of them on one line",
+                           .stage = "input"})
+                .value();
           }
           if (!parse_number(word, value))
-            return refuse({.code = "input.cloud_value", .where = here() + ": " + p.name.substr(0, 40), .message = "found " + shown_word(word) + ", allowed a number with a decimal point", .stage = "input"}).value();
+            return refuse({.code = "input.cloud_value",
+                           .where = here() + ": " + p.name.substr(0, 40),
+                           .message = "found " + shown_word(word) + ", allowed a number with a decimal point",
+                           .stage = "input"})
+                .value();
           if (p.is_list && n == 0) {
             if (!(value >= 0 && value <= double(line.size())) || value != std::floor(value)) {
               if (rest.empty()) return ends_early(here(), e, i).value();
-              return refuse({.code = "input.cloud_value", .where = here() + ": " + p.name.substr(0, 40), .message = "found a list of length " + shown_word(word) + ", allowed as many values as follow on the line", .stage = "input"}).value();
+              return refuse({.code = "input.cloud_value",
+                             .where = here() + ": " + p.name.substr(0, 40),
+                             .message = "found a list of length " + shown_word(word) + ", allowed as many values as follow on the line",
+                             .stage = "input"})
+                  .value();
             }
             values = std::uint64_t(value);
             if (int(k) == corners) sink.mesh.sizes.push_back(std::uint32_t(values));
@@ -236,7 +264,12 @@ std::optional<Refusals> read_ascii(std::string_view bytes, const PlyHeader& h, c
             if (c.property[d] == int(k)) xyz[d] = value;
       }
       if (const std::string_view extra = take_word(line); !extra.empty())
-        return refuse({.code = "input.cloud_value", .where = here(), .message = "found " + shown_word(extra) + " after the last value of element '" + e.name.substr(0, 40) + "', allowed the end of the line", .stage = "input"}).value();
+        return refuse({.code = "input.cloud_value",
+                       .where = here(),
+                       .message = "found " + shown_word(extra) + " after the last value of element '" + e.name.substr(0, 40) +
+                                  "', allowed the end of the line",
+                       .stage = "input"})
+            .value();
       if (is_vertex) sink.point(xyz[0], xyz[1], xyz[2]);
     }
   }
@@ -250,11 +283,14 @@ bool is_ply(std::string_view bytes) { return bytes.substr(0, 4) == "ply\n" || by
 Result<PlyHeader> read_ply_header(std::string_view bytes, const std::string& name) {
   PlyHeader h;
   int number = 0;
-  const auto refused = [&](const std::string& message) { return refuse({.code = "input.cloud_header", .where = name + ":" + std::to_string(number), .message = message, .stage = "input"}); };
+  const auto refused = [&](const std::string& message) {
+    return refuse({.code = "input.cloud_header", .where = name + ":" + std::to_string(number), .message = message, .stage = "input"});
+  };
   std::string_view rest = bytes, line;
   bool has_format = false;
   while (true) {
-    if (!take_line(rest, line)) return refused("found the end of the file inside the header, allowed 'end_header'; copy or export the file again");
+    if (!take_line(rest, line))
+      return refused("found the end of the file inside the header, allowed 'end_header'; copy or export the file again");
     ++number;
     if (number == 1) continue;  // "ply"
     if (number > 10000 || line.size() > 10000) return refused("found a header of more than 10000 lines or characters a line, allowed less");
@@ -283,7 +319,8 @@ Result<PlyHeader> read_ply_header(std::string_view bytes, const std::string& nam
         p.is_list = true;
         word = take_word(line);
         const auto count_type = type_of(word);
-        if (!count_type) return refused("found the type " + shown_word(word) + ", allowed char, uchar, short, ushort, int, uint, float, double");
+        if (!count_type)
+          return refused("found the type " + shown_word(word) + ", allowed char, uchar, short, ushort, int, uint, float, double");
         p.count_type = *count_type;
         word = take_word(line);
       }
@@ -313,11 +350,25 @@ std::optional<Refusals> read_into(std::string_view bytes, const std::string& nam
   int vertices = 0;
   for (const PlyElement& e : header->elements) {
     if (e.name != "vertex") continue;
-    if (!coordinates_of(e).are_complete()) return refuse({.code = "input.cloud_no_xyz", .where = name, .message = "found an element 'vertex' without the properties x, y, z, allowed with them", .stage = "input"}).value();
+    if (!coordinates_of(e).are_complete())
+      return refuse({.code = "input.cloud_no_xyz",
+                     .where = name,
+                     .message = "found an element 'vertex' without the properties x, y, z, allowed with them",
+                     .stage = "input"})
+          .value();
     ++vertices;
   }
-  if (vertices != 1) return refuse({.code = "input.cloud_no_xyz", .where = name, .message = "found " + std::to_string(vertices) + " elements named 'vertex', allowed one", .measured = double(vertices), .limit = 1, .stage = "input"}).value();
-  sink.cloud.format = header->format == PlyFormat::ascii ? "ply ascii" : header->format == PlyFormat::little_endian ? "ply binary_little_endian" : "ply binary_big_endian";
+  if (vertices != 1)
+    return refuse({.code = "input.cloud_no_xyz",
+                   .where = name,
+                   .message = "found " + std::to_string(vertices) + " elements named 'vertex', allowed one",
+                   .measured = double(vertices),
+                   .limit = 1,
+                   .stage = "input"})
+        .value();
+  sink.cloud.format = header->format == PlyFormat::ascii           ? "ply ascii"
+                      : header->format == PlyFormat::little_endian ? "ply binary_little_endian"
+                                                                   : "ply binary_big_endian";
   return header->format == PlyFormat::ascii ? read_ascii(bytes, *header, name, sink) : read_binary(bytes, *header, name, sink);
 }
 
@@ -334,7 +385,11 @@ Result<PlyPolygons> read_ply_polygons(std::string_view bytes, const std::string&
   sink.wants_mesh = true;
   if (auto fault = read_into(bytes, name, sink)) return refuse_all(std::move(*fault));
   for (const std::uint32_t c : sink.mesh.corners)
-    if (c >= sink.mesh.vertices.size()) return refuse({.code = "input.cloud_value", .where = name, .message = "found a face with a corner that is not in the file; export the mesh again", .stage = "input"});
+    if (c >= sink.mesh.vertices.size())
+      return refuse({.code = "input.cloud_value",
+                     .where = name,
+                     .message = "found a face with a corner that is not in the file; export the mesh again",
+                     .stage = "input"});
   return std::move(sink.mesh);
 }
 

@@ -26,7 +26,9 @@ struct Fault {
 double number(const XMLElement& e, const char* attribute) {
   const char* text = e.Attribute(attribute);
   double v = 0;
-  if (!text || !text_scan::parse_number(text, v)) throw Fault{e.GetLineNum(), std::string("found no number '") + attribute + "' in the element '" + std::string(e.Name()).substr(0, 40) + "'"};
+  if (!text || !text_scan::parse_number(text, v))
+    throw Fault{e.GetLineNum(),
+                std::string("found no number '") + attribute + "' in the element '" + std::string(e.Name()).substr(0, 40) + "'"};
   return v;
 }
 
@@ -38,7 +40,8 @@ Eigen::Affine3d transform_of(const XMLElement& e) {
   std::string_view line = text;
   double m[12];
   for (double& v : m)
-    if (!text_scan::parse_number(text_scan::take_word(line), v)) throw Fault{e.GetLineNum(), "found a transform of less than twelve numbers"};
+    if (!text_scan::parse_number(text_scan::take_word(line), v))
+      throw Fault{e.GetLineNum(), "found a transform of less than twelve numbers"};
   for (int r = 0; r < 3; ++r)
     for (int c = 0; c < 3; ++c) T.linear()(c, r) = m[3 * r + c];
   T.translation() = Vec3(m[9], m[10], m[11]);
@@ -58,7 +61,9 @@ struct Model {
     if (const XMLElement* mesh = it->second->FirstChildElement("mesh")) add_mesh(*mesh, T);
     if (const XMLElement* list = it->second->FirstChildElement("components"))
       for (const XMLElement* c = list->FirstChildElement("component"); c; c = c->NextSiblingElement("component")) {
-        if (c->Attribute("p:path")) throw Fault{c->GetLineNum(), "found a component in another file of the archive, allowed objects of the root model; export it as one model"};
+        if (c->Attribute("p:path"))
+          throw Fault{c->GetLineNum(),
+                      "found a component in another file of the archive, allowed objects of the root model; export it as one model"};
         const char* child = c->Attribute("objectid");
         add(child ? child : "", T * transform_of(*c), c->GetLineNum(), depth + 1);
       }
@@ -75,7 +80,8 @@ struct Model {
       const char* names[] = {"v1", "v2", "v3"};
       for (std::size_t k = 0; k < 3; ++k) {
         const double i = number(*t, names[k]);
-        if (!(i >= 0 && i < double(vertices.size())) || i != std::floor(i)) throw Fault{t->GetLineNum(), "found a triangle with a corner that is not in the file"};
+        if (!(i >= 0 && i < double(vertices.size())) || i != std::floor(i))
+          throw Fault{t->GetLineNum(), "found a triangle with a corner that is not in the file"};
         corner[is_mirrored ? 2 - k : k] = vertices[std::size_t(i)];
       }
       welder.add(corner, out);
@@ -95,7 +101,8 @@ std::optional<double> three_mf_unit_mm(std::string_view bytes) {
   const std::size_t unit = head.find(" unit=");
   if (unit == std::string::npos || head.size() < unit + 8) return 1.0;
   const std::string word = head.substr(unit + 7, head.find(head[unit + 6], unit + 7) - unit - 7);
-  static constexpr std::pair<std::string_view, double> units[] = {{"micron", 0.001}, {"millimeter", 1}, {"centimeter", 10}, {"inch", 25.4}, {"foot", 304.8}, {"meter", 1000}};
+  static constexpr std::pair<std::string_view, double> units[] = {{"micron", 0.001}, {"millimeter", 1}, {"centimeter", 10},
+                                                                  {"inch", 25.4},    {"foot", 304.8},   {"meter", 1000}};
   for (const auto& [name_of_unit, mm] : units)
     if (word == name_of_unit) return mm;
   return std::nullopt;
@@ -103,12 +110,14 @@ std::optional<double> three_mf_unit_mm(std::string_view bytes) {
 
 Result<MeshFile> read_three_mf(std::string_view bytes, const std::string& name, double mm_per_unit) {
   const auto refused = [&](const char* code, int line, const std::string& message) {
-    return refuse({.code = code, .where = name + (line ? ": 3D model, line " + std::to_string(line) : ""), .message = message, .stage = "input"});
+    return refuse(
+        {.code = code, .where = name + (line ? ": 3D model, line " + std::to_string(line) : ""), .message = message, .stage = "input"});
   };
   const std::optional<std::string> text = read_zip_entry(bytes, ".model", kModelLimit);
   if (!text) return refused("input.mesh_broken", 0, "found no 3MF archive with a 3D model; copy or export the file again");
   tinyxml2::XMLDocument document;
-  if (document.Parse(text->data(), text->size()) != tinyxml2::XML_SUCCESS) return refused("input.mesh_broken", document.ErrorLineNum(), std::string("found text that is no XML (") + document.ErrorName() + ")");
+  if (document.Parse(text->data(), text->size()) != tinyxml2::XML_SUCCESS)
+    return refused("input.mesh_broken", document.ErrorLineNum(), std::string("found text that is no XML (") + document.ErrorName() + ")");
   const XMLElement* root = document.FirstChildElement("model");
   const XMLElement* resources = root ? root->FirstChildElement("resources") : nullptr;
   const XMLElement* build = root ? root->FirstChildElement("build") : nullptr;

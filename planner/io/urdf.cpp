@@ -44,7 +44,8 @@ Vec3 three(const XMLElement& e, const char* attribute, const Vec3& absent) {
   Vec3 v;
   for (int k = 0; k < 3; ++k)
     if (!text_scan::parse_number(text_scan::take_word(line), v[k]) || !std::isfinite(v[k]))
-      throw Fault{"input.urdf_value", e.GetLineNum(), std::string("found ") + attribute + "=\"" + std::string(text).substr(0, 60) + "\", allowed three numbers"};
+      throw Fault{"input.urdf_value", e.GetLineNum(),
+                  std::string("found ") + attribute + "=\"" + std::string(text).substr(0, 60) + "\", allowed three numbers"};
   return v;
 }
 
@@ -54,7 +55,8 @@ double one(const XMLElement& e, const char* attribute, double absent) {
   std::string_view line = text;
   double v = 0;
   if (!text_scan::parse_number(text_scan::take_word(line), v) || !std::isfinite(v))
-    throw Fault{"input.urdf_value", e.GetLineNum(), std::string("found ") + attribute + "=\"" + std::string(text).substr(0, 60) + "\", allowed a number"};
+    throw Fault{"input.urdf_value", e.GetLineNum(),
+                std::string("found ") + attribute + "=\"" + std::string(text).substr(0, 60) + "\", allowed a number"};
   return v;
 }
 
@@ -68,7 +70,8 @@ Transform origin_of(const XMLElement& e) {
 Mesh box_mesh(const Vec3& size_mm) {
   Mesh m;
   for (int i = 0; i < 8; ++i) m.vertices.push_back(0.5 * size_mm.cwiseProduct(Vec3(i & 1 ? 1 : -1, i & 2 ? 1 : -1, i & 4 ? 1 : -1)));
-  m.triangles = {{0, 2, 1}, {1, 2, 3}, {4, 5, 6}, {5, 7, 6}, {0, 1, 4}, {1, 5, 4}, {2, 6, 3}, {3, 6, 7}, {0, 4, 2}, {2, 4, 6}, {1, 3, 5}, {3, 7, 5}};
+  m.triangles = {{0, 2, 1}, {1, 2, 3}, {4, 5, 6}, {5, 7, 6}, {0, 1, 4}, {1, 5, 4},
+                 {2, 6, 3}, {3, 6, 7}, {0, 4, 2}, {2, 4, 6}, {1, 3, 5}, {3, 7, 5}};
   return m;
 }
 
@@ -78,7 +81,8 @@ Mesh turned_mesh(const std::vector<Vec2>& profile_mm) {
   Mesh m;
   const double widen = 1.0 / std::cos(kPi / kSides);
   for (const Vec2& p : profile_mm)
-    for (int k = 0; k < kSides; ++k) m.vertices.emplace_back(p.x() * widen * std::cos(2 * kPi * k / kSides), p.x() * widen * std::sin(2 * kPi * k / kSides), p.y());
+    for (int k = 0; k < kSides; ++k)
+      m.vertices.emplace_back(p.x() * widen * std::cos(2 * kPi * k / kSides), p.x() * widen * std::sin(2 * kPi * k / kSides), p.y());
   const int rings = int(profile_mm.size());
   for (int r = 0; r + 1 < rings; ++r)
     for (int k = 0; k < kSides; ++k) {
@@ -117,7 +121,8 @@ UrdfShape shape_of(const XMLElement& e, const std::string& link) {
   } else if (name == "sphere") {
     const double r = 1000 * one(*kind, "radius", 0);
     std::vector<Vec2> profile;
-    for (int k = 1; k < 16; ++k) profile.emplace_back(r * std::sin(kPi * k / 16) / std::cos(kPi / 32), -r * std::cos(kPi * k / 16) / std::cos(kPi / 32));
+    for (int k = 1; k < 16; ++k)
+      profile.emplace_back(r * std::sin(kPi * k / 16) / std::cos(kPi / 32), -r * std::cos(kPi * k / 16) / std::cos(kPi / 32));
     s.mesh_shape = turned_mesh(profile);
   } else {
     throw Fault{"input.urdf_value", e.GetLineNum(), "found the geometry '" + name.substr(0, 40) + "', allowed mesh, box, cylinder, sphere"};
@@ -126,7 +131,7 @@ UrdfShape shape_of(const XMLElement& e, const std::string& link) {
 }
 
 struct Tree {
-  std::vector<std::string> links;                    // in file order
+  std::vector<std::string> links;  // in file order
   std::map<std::string, const XMLElement*> link_element;
   std::map<std::string, Joint> joint_of_child;
 
@@ -151,7 +156,8 @@ Tree tree_of(const XMLElement& robot) {
   Tree tree;
   for (const XMLElement* l = robot.FirstChildElement("link"); l; l = l->NextSiblingElement("link")) {
     const std::string name = text_of(*l, "name");
-    if (!tree.link_element.emplace(name, l).second) throw Fault{"input.urdf_link", l->GetLineNum(), "found the link '" + name + "' twice, allowed once"};
+    if (!tree.link_element.emplace(name, l).second)
+      throw Fault{"input.urdf_link", l->GetLineNum(), "found the link '" + name + "' twice, allowed once"};
     tree.links.push_back(name);
   }
   for (const XMLElement* e = robot.FirstChildElement("joint"); e; e = e->NextSiblingElement("joint")) {
@@ -161,14 +167,18 @@ Tree tree_of(const XMLElement& robot) {
     if (const XMLElement* p = e->FirstChildElement("parent")) j.parent = text_of(*p, "link");
     if (const XMLElement* c = e->FirstChildElement("child")) j.child = text_of(*c, "link");
     for (const std::string& l : {j.parent, j.child})
-      if (!tree.link_element.count(l)) throw Fault{"input.urdf_link", j.line, "found the joint '" + j.name + "' at the link '" + l + "', which is not in the file"};
+      if (!tree.link_element.count(l))
+        throw Fault{"input.urdf_link", j.line, "found the joint '" + j.name + "' at the link '" + l + "', which is not in the file"};
     j.T_parent_joint = origin_of(*e);
     if (const XMLElement* a = e->FirstChildElement("axis")) j.axis = three(*a, "xyz", Vec3::UnitX());
-    if (j.moves() && !(j.axis.norm() > 1e-9)) throw Fault{"input.urdf_value", j.line, "found the joint '" + j.name + "' with an axis of length 0"};
+    if (j.moves() && !(j.axis.norm() > 1e-9))
+      throw Fault{"input.urdf_value", j.line, "found the joint '" + j.name + "' with an axis of length 0"};
     j.axis.normalize();
-    if (const XMLElement* l = e->FirstChildElement("limit")) j.lower_rad = one(*l, "lower", 0), j.upper_rad = one(*l, "upper", 0), j.speed_rad_s = one(*l, "velocity", 0);
+    if (const XMLElement* l = e->FirstChildElement("limit"))
+      j.lower_rad = one(*l, "lower", 0), j.upper_rad = one(*l, "upper", 0), j.speed_rad_s = one(*l, "velocity", 0);
     if (j.type == "continuous") j.lower_rad = j.upper_rad = 0;
-    if (!tree.joint_of_child.emplace(j.child, j).second) throw Fault{"input.urdf_link", j.line, "found two joints that carry the link '" + j.child + "', allowed one"};
+    if (!tree.joint_of_child.emplace(j.child, j).second)
+      throw Fault{"input.urdf_link", j.line, "found two joints that carry the link '" + j.child + "', allowed one"};
   }
   return tree;
 }
@@ -188,7 +198,9 @@ Done<UrdfRobot> robot_of(const XMLElement& robot, const std::string& name, const
   while (common < to_base.size() && common < to_tip.size() && to_base[common] == to_tip[common]) ++common;
   Transform T_base_at;  // from base up to the link where both paths part
   for (std::size_t i = to_base.size(); i-- > common;) {
-    if (to_base[i]->moves()) throw Fault{"input.urdf_joints", to_base[i]->line, "found the moving joint '" + to_base[i]->name + "' on the way from '" + base + "' up, allowed fixed ones"};
+    if (to_base[i]->moves())
+      throw Fault{"input.urdf_joints", to_base[i]->line,
+                  "found the moving joint '" + to_base[i]->name + "' on the way from '" + base + "' up, allowed fixed ones"};
     T_base_at = T_base_at * to_base[i]->T_parent_joint.inverse();
   }
   Done<UrdfRobot> done;
@@ -200,7 +212,10 @@ Done<UrdfRobot> robot_of(const XMLElement& robot, const std::string& name, const
     const Joint& j = *to_tip[i];
     T_last_at = T_last_at * j.T_parent_joint;
     if (!j.moves()) continue;
-    if (j.type != "revolute" && j.type != "continuous") throw Fault{"input.urdf_joints", j.line, "found the joint '" + j.name + "' of type '" + j.type.substr(0, 40) + "' in the chain, allowed revolute, continuous, fixed"};
+    if (j.type != "revolute" && j.type != "continuous")
+      throw Fault{
+          "input.urdf_joints", j.line,
+          "found the joint '" + j.name + "' of type '" + j.type.substr(0, 40) + "' in the chain, allowed revolute, continuous, fixed"};
     out.kinematics.joints.push_back({.name = j.name, .T_parent_joint = T_last_at, .axis = j.axis});
     out.limits_rad.push_back({j.lower_rad, j.upper_rad});
     out.speed_rad_s.push_back(j.speed_rad_s);
@@ -209,7 +224,9 @@ Done<UrdfRobot> robot_of(const XMLElement& robot, const std::string& name, const
   }
   out.kinematics.T_last_tip = T_last_at;
   if (out.kinematics.joints.size() != 6)
-    throw Fault{"input.urdf_joints", robot.GetLineNum(), "found " + std::to_string(out.kinematics.joints.size()) + " turning joints between '" + base + "' and '" + tip + "', allowed 6"};
+    throw Fault{
+        "input.urdf_joints", robot.GetLineNum(),
+        "found " + std::to_string(out.kinematics.joints.size()) + " turning joints between '" + base + "' and '" + tip + "', allowed 6"};
 
   Transform T_base_root = T_base_at;
   for (std::size_t i = common; i-- > 0;) T_base_root = T_base_root * to_tip[i]->T_parent_joint.inverse();
@@ -222,7 +239,9 @@ Done<UrdfRobot> robot_of(const XMLElement& robot, const std::string& name, const
     for (const Joint* j : joints) {
       T_base_link = T_base_link * j->T_parent_joint;
       if (const auto it = index.find(j); it != index.end()) joint = it->second;
-      else if (j->moves() && std::find(to_base.begin(), to_base.begin() + std::ptrdiff_t(common), j) == to_base.begin() + std::ptrdiff_t(common)) side = j->name;
+      else if (j->moves() &&
+               std::find(to_base.begin(), to_base.begin() + std::ptrdiff_t(common), j) == to_base.begin() + std::ptrdiff_t(common))
+        side = j->name;
     }
     const XMLElement& element = *tree.link_element.at(link);
     const char* kind = element.FirstChildElement("collision") ? "collision" : "visual";
@@ -236,7 +255,11 @@ Done<UrdfRobot> robot_of(const XMLElement& robot, const std::string& name, const
       out.shapes.push_back(std::move(s));
     }
     if (has_shape && !side.empty())
-      done.notes.push_back({.level = Note::Level::warning, .code = "input.urdf_side_joint", .text = "the shape of link '" + link + "' hangs on the joint '" + side + "' outside the chain and is kept where it is at 0", .where = name});
+      done.notes.push_back(
+          {.level = Note::Level::warning,
+           .code = "input.urdf_side_joint",
+           .text = "the shape of link '" + link + "' hangs on the joint '" + side + "' outside the chain and is kept where it is at 0",
+           .where = name});
   }
   return done;
 }
@@ -244,9 +267,12 @@ Done<UrdfRobot> robot_of(const XMLElement& robot, const std::string& name, const
 }  // namespace
 
 Result<Done<UrdfRobot>> read_urdf(std::string_view bytes, const std::string& name, const std::string& base, const std::string& tip) {
-  const auto refused = [&](const Fault& f) { return refuse({.code = f.code, .where = name + (f.line ? ":" + std::to_string(f.line) : ""), .message = f.message, .stage = "input"}); };
+  const auto refused = [&](const Fault& f) {
+    return refuse({.code = f.code, .where = name + (f.line ? ":" + std::to_string(f.line) : ""), .message = f.message, .stage = "input"});
+  };
   tinyxml2::XMLDocument document;
-  if (document.Parse(bytes.data(), bytes.size()) != tinyxml2::XML_SUCCESS) return refused({"input.urdf_syntax", document.ErrorLineNum(), std::string("found text that is no XML (") + document.ErrorName() + ")"});
+  if (document.Parse(bytes.data(), bytes.size()) != tinyxml2::XML_SUCCESS)
+    return refused({"input.urdf_syntax", document.ErrorLineNum(), std::string("found text that is no XML (") + document.ErrorName() + ")"});
   const XMLElement* robot = document.FirstChildElement("robot");
   if (!robot) return refused({"input.urdf_syntax", 1, "found no element 'robot', allowed a URDF"});
   try {

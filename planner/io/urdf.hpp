@@ -14,12 +14,12 @@ namespace asbuilt {
 
 /// One shape of a link: a mesh file, or triangles of a box, cylinder or sphere.
 struct UrdfShape {
-  std::string link, file;                        // file as written; empty for triangles
-  int joint = 0;                                 // 0: does not move; k: moves with joint k of the chain
-  int line = 0;                                  // of the URDF
-  Vec3 scale = Vec3::Ones();                     // of a mesh file, per axis
-  Pose<frame::Base, frame::Base> T_base_shape;   // every joint at 0
-  Mesh mesh_shape;                               // mm, in the shape's own frame
+  std::string link, file;                       // file as written; empty for triangles
+  int joint = 0;                                // 0: does not move; k: moves with joint k of the chain
+  int line = 0;                                 // of the URDF
+  Vec3 scale = Vec3::Ones();                    // of a mesh file, per axis
+  Pose<frame::Base, frame::Base> T_base_shape;  // every joint at 0
+  Mesh mesh_shape;                              // mm, in the shape's own frame
 };
 struct UrdfRobot {
   ChainKinematics kinematics;
@@ -30,7 +30,8 @@ struct UrdfRobot {
 
 /// Frames    base: the frame of link `base`; shapes are placed in it with every joint at 0.
 /// Units     metres and radians in the file; mm and rad out.
-/// Refuses   input.urdf_syntax, input.urdf_link (unknown base or tip, no chain), input.urdf_joints (not six turning joints), input.urdf_value.
+/// Refuses   input.urdf_syntax, input.urdf_link (unknown base or tip, no chain), input.urdf_joints (not six turning joints),
+/// input.urdf_value.
 Result<Done<UrdfRobot>> read_urdf(std::string_view bytes, const std::string& name, const std::string& base, const std::string& tip);
 
 }  // namespace asbuilt

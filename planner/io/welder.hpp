@@ -22,10 +22,8 @@ class Welder {
     }
     std::array<int, 3> t{};
     for (std::size_t k = 0; k < 3; ++k) t[k] = at(corner[k], out.mesh);
-    if (t[0] == t[1] || t[1] == t[2] || t[2] == t[0])
-      ++out.degenerate_count;
-    else
-      out.mesh.triangles.push_back(t);
+    if (t[0] == t[1] || t[1] == t[2] || t[2] == t[0]) ++out.degenerate_count;
+    else out.mesh.triangles.push_back(t);
   }
 
  private:

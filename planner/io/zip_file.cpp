@@ -29,13 +29,16 @@ std::optional<std::string> read_zip_entry(std::string_view bytes, std::string_vi
   for (int i = 0; i < entries; ++i) {
     std::uint16_t method = 0, name_size = 0, extra_size = 0, comment_size = 0, local_name = 0, local_extra = 0;
     std::uint32_t packed = 0, plain = 0, local = 0, mark = 0;
-    if (!number_at(bytes, central, mark) || mark != 0x02014b50u || !number_at(bytes, central + 10, method) || !number_at(bytes, central + 20, packed) || !number_at(bytes, central + 24, plain) || !number_at(bytes, central + 28, name_size) ||
-        !number_at(bytes, central + 30, extra_size) || !number_at(bytes, central + 32, comment_size) || !number_at(bytes, central + 42, local) || bytes.size() - central < 46u + name_size)
+    if (!number_at(bytes, central, mark) || mark != 0x02014b50u || !number_at(bytes, central + 10, method) ||
+        !number_at(bytes, central + 20, packed) || !number_at(bytes, central + 24, plain) || !number_at(bytes, central + 28, name_size) ||
+        !number_at(bytes, central + 30, extra_size) || !number_at(bytes, central + 32, comment_size) ||
+        !number_at(bytes, central + 42, local) || bytes.size() - central < 46u + name_size)
       return std::nullopt;
     const std::string_view name = bytes.substr(central + 46, name_size);
     central += 46u + name_size + extra_size + comment_size;
     if (name.size() < name_end.size() || name.substr(name.size() - name_end.size()) != name_end) continue;
-    if (!number_at(bytes, std::size_t(local) + 26, local_name) || !number_at(bytes, std::size_t(local) + 28, local_extra)) return std::nullopt;
+    if (!number_at(bytes, std::size_t(local) + 26, local_name) || !number_at(bytes, std::size_t(local) + 28, local_extra))
+      return std::nullopt;
     const std::size_t begin = std::size_t(local) + 30u + local_name + local_extra;
     if (begin > bytes.size()) return std::nullopt;
     const std::string_view data = bytes.substr(begin, packed);

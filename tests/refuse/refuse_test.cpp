@@ -85,11 +85,13 @@ Outcome run(const fs::path& folder, const std::string& item, const InputsRecipe&
 class Refuse : public testing::TestWithParam<std::string> {};
 
 TEST_P(Refuse, with_the_stated_code) {
-  const fs::path from = kCases / GetParam(), folder = fs::path(testing::TempDir()) / ("asbuilt_refuse_" + std::to_string(getpid()) + "_" + GetParam());
+  const fs::path from = kCases / GetParam(),
+                 folder = fs::path(testing::TempDir()) / ("asbuilt_refuse_" + std::to_string(getpid()) + "_" + GetParam());
   fs::remove_all(folder);
   fs::copy(kCases / "base", folder, fs::copy_options::recursive);
   for (const auto& e : fs::directory_iterator(from))
-    if (e.path().filename() != "case.txt") fs::copy(e.path(), folder / e.path().filename(), fs::copy_options::recursive | fs::copy_options::overwrite_existing);
+    if (e.path().filename() != "case.txt")
+      fs::copy(e.path(), folder / e.path().filename(), fs::copy_options::recursive | fs::copy_options::overwrite_existing);
   std::vector<std::string> expected;
   std::set<std::string> notes;
   InputsRecipe recipe;
@@ -124,7 +126,8 @@ TEST_P(Refuse, with_the_stated_code) {
       std::string out;
       for (std::string l; std::getline(stl, l);) {
         double x, y, z;
-        if (std::sscanf(l.c_str(), "vertex %lf %lf %lf", &x, &y, &z) == 3) l = "vertex " + std::to_string(x / 1000) + " " + std::to_string(y / 1000) + " " + std::to_string(z / 1000);
+        if (std::sscanf(l.c_str(), "vertex %lf %lf %lf", &x, &y, &z) == 3)
+          l = "vertex " + std::to_string(x / 1000) + " " + std::to_string(y / 1000) + " " + std::to_string(z / 1000);
         out += l + "\n";
       }
       write(folder / a, out);

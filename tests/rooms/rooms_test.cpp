@@ -60,7 +60,8 @@ House read_house(const fs::path& file, std::vector<std::string>& faults) {
       if (!house.rooms.count(other)) faults.push_back("ROOMS: " + room + " may include " + other + ", which is no room");
   for (const auto& [fence, may] : house.fences)
     for (const std::string& other : may)
-      if (!house.rooms.count(other) && other != "tests") faults.push_back("ROOMS: fence " + fence + " names " + other + ", which is no room");
+      if (!house.rooms.count(other) && other != "tests")
+        faults.push_back("ROOMS: fence " + fence + " names " + other + ", which is no room");
   return house;
 }
 
@@ -82,7 +83,8 @@ std::string bare_code(const std::string& text) {
       out += '\n';
     } else if (text.compare(i, 2, "/*") == 0) {
       const std::size_t end = text.find("*/", i + 2);
-      out += std::string(std::size_t(std::count(text.begin() + std::ptrdiff_t(i), text.begin() + std::ptrdiff_t(std::min(end, text.size())), '\n')), '\n');
+      out += std::string(
+          std::size_t(std::count(text.begin() + std::ptrdiff_t(i), text.begin() + std::ptrdiff_t(std::min(end, text.size())), '\n')), '\n');
       if (end == std::string::npos) break;
       i = end + 1;
     } else if (text[i] == '"') {
@@ -102,9 +104,10 @@ bool is_name(char c) { return std::isalnum(static_cast<unsigned char>(c)) || c =
 bool has_unit(std::string name) {
   for (const char* bound : {"_min", "_max"})
     if (name.size() > 4 && name.compare(name.size() - 4, 4, bound) == 0) name.resize(name.size() - 4);
-  static const std::set<std::string> units{"mm",   "mm2",   "mm3",   "um",    "rad", "deg",   "s",     "ms",      "N",      "kg",  "rpm",
-                                           "ratio", "count", "px",    "mib",   "W",   "A",     "V",     "Hz",      "K"};
-  static const std::set<std::string> pairs{"mm_s", "mm_s2", "mm_s3", "mm3_s", "rad_s", "rad_s2", "rad_s3", "deg_s", "deg_s2", "deg_s3", "N_mm", "per_mm"};
+  static const std::set<std::string> units{"mm",  "mm2",   "mm3",   "um", "rad", "deg", "s", "ms", "N",  "kg",
+                                           "rpm", "ratio", "count", "px", "mib", "W",   "A", "V",  "Hz", "K"};
+  static const std::set<std::string> pairs{"mm_s",   "mm_s2", "mm_s3",  "mm3_s",  "rad_s", "rad_s2",
+                                           "rad_s3", "deg_s", "deg_s2", "deg_s3", "N_mm",  "per_mm"};
   const std::size_t last = name.rfind('_');
   const std::string tail = last == std::string::npos ? name : name.substr(last + 1);
   if (units.count(tail)) return true;
@@ -115,7 +118,8 @@ bool has_unit(std::string name) {
 
 /// Names of members declared as numbers (double, float and lists of them) inside structs whose name `wanted` accepts.
 template <class Wanted>
-void numbers_without_unit(const std::string& path, const std::string& text, const House& house, Wanted&& wanted, std::vector<std::string>& faults) {
+void numbers_without_unit(const std::string& path, const std::string& text, const House& house, Wanted&& wanted,
+                          std::vector<std::string>& faults) {
   const std::string code = bare_code(text);
   std::vector<char> scopes;  // 's' a wanted struct, 'o' anything else
   std::string statement;
@@ -166,7 +170,8 @@ void numbers_without_unit(const std::string& path, const std::string& text, cons
     }
     for (std::string n : names) {
       n = n.substr(0, n.find('['));
-      if (!n.empty() && !has_unit(n) && !house.bare.count(n)) faults.push_back(path + ":" + std::to_string(begin) + ": the number '" + n + "' carries no unit in its name");
+      if (!n.empty() && !has_unit(n) && !house.bare.count(n))
+        faults.push_back(path + ":" + std::to_string(begin) + ": the number '" + n + "' carries no unit in its name");
     }
   };
   for (const char c : code) {
@@ -181,7 +186,8 @@ void numbers_without_unit(const std::string& path, const std::string& text, cons
     if (words(statement).empty()) begin = line;
     if (c == '{') {
       const auto head = words(statement);
-      const bool is_struct = std::find(head.begin(), head.end(), "struct") != head.end() || std::find(head.begin(), head.end(), "class") != head.end();
+      const bool is_struct =
+          std::find(head.begin(), head.end(), "struct") != head.end() || std::find(head.begin(), head.end(), "class") != head.end();
       std::string name;
       for (std::size_t i = 0; i + 1 < head.size(); ++i)
         if (head[i] == "struct" || head[i] == "class") name = head[i + 1];
@@ -253,11 +259,16 @@ std::vector<std::string> check_tree(const fs::path& root) {
         }
       } else if (room != "tests") {
         for (const auto& [fence, may] : house.fences)
-          if (target.compare(0, fence.size(), fence) == 0 && !may.count(room)) faults.push_back(where + room + " may not include " + target);
+          if (target.compare(0, fence.size(), fence) == 0 && !may.count(room))
+            faults.push_back(where + room + " may not include " + target);
       }
     }
-    if (file.extension() == ".hpp" && room == "planner/artefacts") numbers_without_unit(path, text, house, [](const std::string&) { return true; }, faults);
-    else if (file.extension() == ".hpp" && room != "tests") numbers_without_unit(path, text, house, [](const std::string& name) { return name.size() > 6 && name.substr(name.size() - 6) == "Recipe"; }, faults);
+    if (file.extension() == ".hpp" && room == "planner/artefacts")
+      numbers_without_unit(
+          path, text, house, [](const std::string&) { return true; }, faults);
+    else if (file.extension() == ".hpp" && room != "tests")
+      numbers_without_unit(
+          path, text, house, [](const std::string& name) { return name.size() > 6 && name.substr(name.size() - 6) == "Recipe"; }, faults);
   }
   return faults;
 }
@@ -276,14 +287,20 @@ TEST(Rooms, finds_what_is_planted) {
     fs::create_directories((root / path).parent_path());
     std::ofstream(root / path) << text;
   };
-  write("ROOMS", "planner/base:\nplanner/artefacts: planner/base\nplanner/fit: planner/base planner/artefacts\nfence <CGAL: planner/fit\nbare: limit\n");
+  write("ROOMS",
+        "planner/base:\nplanner/artefacts: planner/base\nplanner/fit: planner/base planner/artefacts\nfence <CGAL: planner/fit\nbare: "
+        "limit\n");
   write("planner/base/a.hpp", "#include \"planner/fit/fit.hpp\"\n");
   write("planner/base/b.cpp", "#include <CGAL/Simple_cartesian.h>\n");
   write("planner/stray.cpp", "int x;\n");
-  write("planner/fit/fit.hpp", "#pragma once\n#include <CGAL/Simple_cartesian.h>\n#include \"planner/base/a.hpp\"\nstruct FitRecipe { double share = 0.5; double width_mm{1}, other = f(2); };\nstruct Inner { double anything; };\n");
+  write("planner/fit/fit.hpp",
+        "#pragma once\n#include <CGAL/Simple_cartesian.h>\n#include \"planner/base/a.hpp\"\nstruct FitRecipe { double share = 0.5; double "
+        "width_mm{1}, other = f(2); };\nstruct Inner { double anything; };\n");
   write("planner/artefacts/x.hpp",
-        "// double in_a_comment = 0;\nstruct X {\n  double limit = 0;\n  std::vector<std::array<double, 6>> q_rad, joints;\n  double speed_mm_s = 0, length = 3;\n"
-        "  std::array<double, 2> range{1.0, 2.0};\n  double norm(double a) const { double inside = a; return inside; }\n  template <class S, class A>\n  static void visit(S& s, A&& a) { a(\"x\", s.length); }\n};\n");
+        "// double in_a_comment = 0;\nstruct X {\n  double limit = 0;\n  std::vector<std::array<double, 6>> q_rad, joints;\n  double "
+        "speed_mm_s = 0, length = 3;\n"
+        "  std::array<double, 2> range{1.0, 2.0};\n  double norm(double a) const { double inside = a; return inside; }\n  template <class "
+        "S, class A>\n  static void visit(S& s, A&& a) { a(\"x\", s.length); }\n};\n");
   std::string text;
   for (const std::string& f : check_tree(root)) text += f + "\n";
   EXPECT_EQ(text,

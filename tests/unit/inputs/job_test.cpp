@@ -113,7 +113,8 @@ TEST_F(JobTest, inputs_are_all_files_sorted) {
     names.push_back(f.path);
     EXPECT_EQ(f.sha256.size(), 64u);
   }
-  EXPECT_EQ(names, (std::vector<std::string>{"calibration.yaml", "cell.yaml", "deburr.yaml", "fixture.yaml", "meshes/block.stl", "part.yaml", "slot-1/scans.yaml", "slot-1/wide_00.ply", "slot-1/wide_01.xyz", "slot.step"}));
+  EXPECT_EQ(names, (std::vector<std::string>{"calibration.yaml", "cell.yaml", "deburr.yaml", "fixture.yaml", "meshes/block.stl",
+                                             "part.yaml", "slot-1/scans.yaml", "slot-1/wide_00.ply", "slot-1/wide_01.xyz", "slot.step"}));
 }
 
 TEST_F(JobTest, the_hash_follows_every_byte_and_nothing_else) {
@@ -191,7 +192,8 @@ TEST_F(JobTest, edges_by_face_and_by_id) {
   const Job j = load();
   const Brep& b = j.part.brep;
   const BrepEdge& rim = b.edges[std::size_t(j.part.features[0].edges[0])];
-  const std::string top = b.faces[std::size_t(std::abs(b.faces[std::size_t(rim.face_1)].box.min_mm.z() - 10) < 1e-6 ? rim.face_1 : rim.face_2)].id;
+  const std::string top =
+      b.faces[std::size_t(std::abs(b.faces[std::size_t(rim.face_1)].box.min_mm.z() - 10) < 1e-6 ? rim.face_1 : rim.face_2)].id;
   edit("part.yaml", "{near: [[0, -15, 10], [0, 15, 10]]}", "{faces: [\"" + top + "\"]}");
   edit("part.yaml", "{near: [[35, 0, 10], [-35, 0, 10]]}", "{sharp_convex: {box: [[-50, -50, -1], [50, 50, 1]]}}");
   const Job k = load();
@@ -207,10 +209,12 @@ TEST_P(RealRobot, drives_a_cell_by_its_urdf) {
   const fs::path urdf = fs::absolute(fs::path("../shared/data/robots") / name / (name + ".urdf"));
   if (!fs::exists(urdf)) GTEST_SKIP() << "no " << urdf;
   const std::string cell = read("cell.yaml");
-  const std::size_t opw = cell.find("    opw:"), joints = cell.find("  joints:\n"), links = cell.find("  links:\n"), home = cell.find("  home:");
+  const std::size_t opw = cell.find("    opw:"), joints = cell.find("  joints:\n"), links = cell.find("  links:\n"),
+                    home = cell.find("  home:");
   std::string limits;
   for (int i = 0; i < 6; ++i) limits += "    - {min: -100, max: 100, speed: 120, acceleration: 350, jerk: 2500}\n";
-  write("cell.yaml", cell.substr(0, opw) + "    {urdf: " + urdf.string() + ", base: base_link, tip: tool0}\n  joints:\n" + limits + cell.substr(home));
+  write("cell.yaml",
+        cell.substr(0, opw) + "    {urdf: " + urdf.string() + ", base: base_link, tip: tool0}\n  joints:\n" + limits + cell.substr(home));
   (void)joints, (void)links;
   edit("cell.yaml", "[0, -100, 100, 0, 90, 0]", "[0, 0, 0, 0, 0, 0]");
   edit("slot-1/scans.yaml", "[-10, -76, 97, 9, 86, -151]", "[0, 10, 20, 0, 30, 0]");
@@ -229,11 +233,14 @@ TEST_P(RealRobot, drives_a_cell_by_its_urdf) {
   // Neighbouring links touch: each link's box meets the box of the link before it, grown by 60 mm.
   for (std::size_t i = 1; i < j.cell.robot.links.size(); ++i) {
     const Box3 a = j.cell.robot.links[i - 1].mesh.box(), b = j.cell.robot.links[i].mesh.box();
-    EXPECT_TRUE((a.min_mm.array() - 60 <= b.max_mm.array()).all() && (b.min_mm.array() - 60 <= a.max_mm.array()).all()) << name << " link " << i;
+    EXPECT_TRUE((a.min_mm.array() - 60 <= b.max_mm.array()).all() && (b.min_mm.array() - 60 <= a.max_mm.array()).all())
+        << name << " link " << i;
   }
   EXPECT_GT(j.captures[0].T_base_flange.p_mm.norm(), 300);
 }
-INSTANTIATE_TEST_SUITE_P(Inputs, RealRobot, testing::Values("kuka_kr16_2", "kuka_kr120_r2700_2", "motoman_gp12", "motoman_gp25", "abb_irb2400", "staubli_rx160", "fanuc_m10ia", "motoman_hc10"));
+INSTANTIATE_TEST_SUITE_P(Inputs, RealRobot,
+                         testing::Values("kuka_kr16_2", "kuka_kr120_r2700_2", "motoman_gp12", "motoman_gp25", "abb_irb2400",
+                                         "staubli_rx160", "fanuc_m10ia", "motoman_hc10"));
 
 TEST_F(JobTest, a_cell_loads_by_itself) {
   const auto cell = load_cell(folder / "cell.yaml", {});

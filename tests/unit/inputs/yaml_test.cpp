@@ -38,8 +38,10 @@ std::string faults_of(const Readout& out) {
 
 template <class F>
 void for_each_kind(F&& f) {
-  f.template operator()<PartFile>(), f.template operator()<RecipeFile>(), f.template operator()<CellFile>(), f.template operator()<FixtureFile>();
-  f.template operator()<CalibrationFile>(), f.template operator()<ScansFile>(), f.template operator()<BatchFile>(), f.template operator()<CapturesFile>();
+  f.template operator()<PartFile>(), f.template operator()<RecipeFile>(), f.template operator()<CellFile>(),
+      f.template operator()<FixtureFile>();
+  f.template operator()<CalibrationFile>(), f.template operator()<ScansFile>(), f.template operator()<BatchFile>(),
+      f.template operator()<CapturesFile>();
 }
 
 TEST(Yaml, what_is_written_is_read_in_any_order_of_keys) {
@@ -62,7 +64,9 @@ TEST(Yaml, what_is_written_is_read_in_any_order_of_keys) {
   });
 }
 
-constexpr const char* kPieces[] = {"{", "}", "[", "]", ": ", "- ", "&a ", "*a", "!!binary ", "|\n", ">\n", "\n---\n", "# ", "'", "\"", "? ", "%YAML 9\n", "\t", "\n  ", "null", "~", ".nan", "1e999", "-", "\xef\xbb\xbf", "\xff", "<<: *a", "@", "`"};
+constexpr const char* kPieces[] = {"{",   "}",       "[",     "]", ": ",           "- ",   "&a ",       "*a", "!!binary ", "|\n",
+                                   ">\n", "\n---\n", "# ",    "'", "\"",           "? ",   "%YAML 9\n", "\t", "\n  ",      "null",
+                                   "~",   ".nan",    "1e999", "-", "\xef\xbb\xbf", "\xff", "<<: *a",    "@",  "`"};
 
 TEST(Yaml, no_bytes_break_the_readers) {
   std::mt19937_64 engine(20261122);
@@ -81,9 +85,15 @@ TEST(Yaml, no_bytes_break_the_readers) {
           case 0:
             if (at < text.size()) text[at] = char(engine());
             break;
-          case 1: text.insert(at, kPieces[below(std::size(kPieces))]); break;
-          case 2: text.erase(at, below(10)); break;
-          case 3: text.insert(at, text.substr(below(text.size() + 1), below(80))); break;
+          case 1:
+            text.insert(at, kPieces[below(std::size(kPieces))]);
+            break;
+          case 2:
+            text.erase(at, below(10));
+            break;
+          case 3:
+            text.insert(at, text.substr(below(text.size() + 1), below(80)));
+            break;
           default:
             if (below(10) == 0) text.resize(at);
         }
@@ -106,7 +116,8 @@ TEST(Yaml, text_that_nests_or_repeats_without_end_is_refused) {
   (void)read_yaml<PartFile>("asbuilt: part/1\nid: " + std::string(200000, '['), deep);
   ASSERT_FALSE(deep.faults.empty());
   EXPECT_EQ(deep.faults[0].code, "input.yaml_syntax");
-  std::string text = "asbuilt: part/1\nid: p\ncad: a.step\nfeatures:\n  - &f\n    id: a\n    recipe: r\n    edges:\n      near:\n        - &p [0, 0, 0]\n";
+  std::string text =
+      "asbuilt: part/1\nid: p\ncad: a.step\nfeatures:\n  - &f\n    id: a\n    recipe: r\n    edges:\n      near:\n        - &p [0, 0, 0]\n";
   for (int i = 0; i < 2000; ++i) text += "        - *p\n";
   for (int i = 0; i < 1000; ++i) text += "  - *f\n";
   Readout wide{.name = "f"};
@@ -120,11 +131,18 @@ TEST(Yaml, every_form_of_a_pose_is_the_same_pose) {
   const Eigen::Quaterniond q = quat_from_zyx(rad_from_deg(30), rad_from_deg(20), rad_from_deg(10));
   const Mat3 r = q.toRotationMatrix();
   std::string rows;
-  for (int i = 0; i < 3; ++i) rows += "[" + shortest_number(r(i, 0)) + ", " + shortest_number(r(i, 1)) + ", " + shortest_number(r(i, 2)) + ", " + std::to_string(i + 1) + "], ";
-  const std::string quat = shortest_number(q.w()) + ", " + shortest_number(q.x()) + ", " + shortest_number(q.y()) + ", " + shortest_number(q.z());
-  for (const std::string& form : {"{xyz: [1, 2, 3], quat: [" + quat + "]}", std::string("{xyz: [1, 2, 3], zyx: [30, 20, 10]}"), std::string("{rpy: [10, 20, 30], xyz: [1, 2, 3]}"), "{matrix: [" + rows + "[0, 0, 0, 1]]}"}) {
+  for (int i = 0; i < 3; ++i)
+    rows += "[" + shortest_number(r(i, 0)) + ", " + shortest_number(r(i, 1)) + ", " + shortest_number(r(i, 2)) + ", " +
+            std::to_string(i + 1) + "], ";
+  const std::string quat =
+      shortest_number(q.w()) + ", " + shortest_number(q.x()) + ", " + shortest_number(q.y()) + ", " + shortest_number(q.z());
+  for (const std::string& form : {"{xyz: [1, 2, 3], quat: [" + quat + "]}", std::string("{xyz: [1, 2, 3], zyx: [30, 20, 10]}"),
+                                  std::string("{rpy: [10, 20, 30], xyz: [1, 2, 3]}"), "{matrix: [" + rows + "[0, 0, 0, 1]]}"}) {
     Readout out{.name = "f"};
-    const auto file = read_yaml<FixtureFile>("asbuilt: fixture/1\nbase_fixture: " + form + "\nfixture_part: {xyz: [0, 0, 0], quat: [1, 0, 0, 0]}\nplay: {xyz: [1, 1, 1], rpy: [1, free, 2]}\n", out);
+    const auto file =
+        read_yaml<FixtureFile>("asbuilt: fixture/1\nbase_fixture: " + form +
+                                   "\nfixture_part: {xyz: [0, 0, 0], quat: [1, 0, 0, 0]}\nplay: {xyz: [1, 1, 1], rpy: [1, free, 2]}\n",
+                               out);
     ASSERT_TRUE(out.faults.empty()) << faults_of(out);
     EXPECT_LT((file.base_fixture.p_mm - Vec3(1, 2, 3)).norm(), 1e-12) << form;
     EXPECT_LT(file.base_fixture.q.angularDistance(q), 1e-12) << form;
@@ -137,7 +155,8 @@ TEST(Yaml, days_are_days) {
   EXPECT_EQ(*day_number("2026-11-22") - *day_number("2026-10-22"), 31);
   EXPECT_EQ(*day_number("2028-03-01") - *day_number("2028-02-28"), 2);
   EXPECT_EQ(day_number("2026-11-22T08:00:00"), day_number("2026-11-22"));
-  for (const char* wrong : {"", "2026", "2026-13-01", "2026-02-29", "22.11.2026", "2026-1-1", "2026-11-22x", "abcd-ef-gh"}) EXPECT_FALSE(day_number(wrong)) << wrong;
+  for (const char* wrong : {"", "2026", "2026-13-01", "2026-02-29", "22.11.2026", "2026-1-1", "2026-11-22x", "abcd-ef-gh"})
+    EXPECT_FALSE(day_number(wrong)) << wrong;
 }
 
 TEST(Schema, says_what_the_reader_does) {

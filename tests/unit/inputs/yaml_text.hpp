@@ -45,7 +45,11 @@ class Filler {
       v = below(2) != 0;
     } else if constexpr (std::is_same_v<T, std::string>) {
       const std::string number = std::to_string(below(1000000));
-      v = f.form == Form::date ? "2026-0" + std::to_string(1 + below(9)) + "-1" + std::to_string(below(10)) : f.form == Form::edge ? "#" + number : f.form == Form::file ? "a folder/file_" + number + ".ply" : f.form == Form::id ? "id-" + number : "a text: with \"quotes\" and # " + number;
+      v = f.form == Form::date   ? "2026-0" + std::to_string(1 + below(9)) + "-1" + std::to_string(below(10))
+          : f.form == Form::edge ? "#" + number
+          : f.form == Form::file ? "a folder/file_" + number + ".ply"
+          : f.form == Form::id   ? "id-" + number
+                                 : "a text: with \"quotes\" and # " + number;
     } else if constexpr (std::is_same_v<T, NumberOrWord>) {
       v.is_word = !f.word.empty() && below(2) != 0;
       v.value = v.is_word ? 0 : low + (high - low) * uniform();
@@ -132,9 +136,12 @@ class YamlText {
     else if constexpr (std::is_same_v<T, PoseText>) {
       if (v.joints_deg) return "{joints: " + list([&](std::size_t i) { return shortest_number((*v.joints_deg)[i]); }, 6) + "}";
       const double q[] = {v.q.w(), v.q.x(), v.q.y(), v.q.z()};
-      return "{xyz: " + list([&](std::size_t i) { return shortest_number(v.p_mm[Eigen::Index(i)]); }, 3) + ", quat: " + list([&](std::size_t i) { return shortest_number(q[i]); }, 4) + "}";
+      return "{xyz: " + list([&](std::size_t i) { return shortest_number(v.p_mm[Eigen::Index(i)]); }, 3) +
+             ", quat: " + list([&](std::size_t i) { return shortest_number(q[i]); }, 4) + "}";
     } else if constexpr (is_vec3<T>) return list([&](std::size_t i) { return shortest_number(v[Eigen::Index(i)]); }, 3);
-    else if constexpr (is_mat6<T>) return list([&](std::size_t r) { return list([&](std::size_t c) { return shortest_number(v(Eigen::Index(r), Eigen::Index(c))); }, 6); }, 6);
+    else if constexpr (is_mat6<T>)
+      return list(
+          [&](std::size_t r) { return list([&](std::size_t c) { return shortest_number(v(Eigen::Index(r), Eigen::Index(c))); }, 6); }, 6);
     else if constexpr (std::is_enum_v<T>) {
       for (const auto& [word, e] : Words<T>::list)
         if (e == v) return std::string(word);

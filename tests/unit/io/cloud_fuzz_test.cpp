@@ -35,10 +35,13 @@ TEST(CloudFuzz, no_bytes_break_the_readers) {
 }
 
 TEST(CloudFuzz, no_bytes_break_the_urdf_reader) {
-  std::string urdf = "<robot name=\"r\"><link name=\"b\"><collision><origin xyz=\"0 0 1\" rpy=\"0 0 0\"/><geometry><box size=\"1 1 1\"/></geometry></collision></link>";
+  std::string urdf =
+      "<robot name=\"r\"><link name=\"b\"><collision><origin xyz=\"0 0 1\" rpy=\"0 0 0\"/><geometry><box size=\"1 1 "
+      "1\"/></geometry></collision></link>";
   for (int j = 1; j <= 6; ++j) {
     const std::string n = std::to_string(j), parent = j == 1 ? "b" : "l" + std::to_string(j - 1);
-    urdf += "<link name=\"l" + n + "\"/><joint name=\"j" + n + "\" type=\"revolute\"><parent link=\"" + parent + "\"/><child link=\"l" + n + "\"/><origin xyz=\"0 0 0.1\"/><axis xyz=\"0 1 0\"/><limit lower=\"-1\" upper=\"1\" velocity=\"2\" effort=\"0\"/></joint>";
+    urdf += "<link name=\"l" + n + "\"/><joint name=\"j" + n + "\" type=\"revolute\"><parent link=\"" + parent + "\"/><child link=\"l" + n +
+            "\"/><origin xyz=\"0 0 0.1\"/><axis xyz=\"0 1 0\"/><limit lower=\"-1\" upper=\"1\" velocity=\"2\" effort=\"0\"/></joint>";
   }
   urdf += "</robot>";
   ASSERT_TRUE(read_urdf(urdf, "r.urdf", "b", "l6"));

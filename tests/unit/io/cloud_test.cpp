@@ -96,24 +96,30 @@ TEST_P(BrokenCloud, is_refused) {
 }
 INSTANTIATE_TEST_SUITE_P(
     Cloud, BrokenCloud,
-    testing::Values(Broken{"input.cloud_header", "f:2", "ply\nformat binary 1.0\nend_header\n"},  //
-                    Broken{"input.cloud_header", "f:3", "ply\nformat ascii 1.0\nelement vertex -1\nend_header\n"},
-                    Broken{"input.cloud_header", "f:3", "ply\nformat ascii 1.0\nelement vertex 99999999999999999999\nend_header\n"},
-                    Broken{"input.cloud_header", "f:3", "ply\nformat ascii 1.0\nproperty float x\nend_header\n"},
-                    Broken{"input.cloud_header", "f:4", "ply\nformat ascii 1.0\nelement vertex 1\nproperty real x\nend_header\n"},
-                    Broken{"input.cloud_header", "f:2", "ply\nend_header\n"},
-                    Broken{"input.cloud_no_xyz", "f", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nend_header\n1 2\n"},
-                    Broken{"input.cloud_no_xyz", "f", "ply\nformat ascii 1.0\nelement face 1\nproperty float x\nend_header\n1\n"},
-                    Broken{"input.cloud_truncated", "f: byte 127", "ply\nformat binary_little_endian 1.0\nelement vertex 1099511627776\nproperty float x\nproperty float y\nproperty float z\nend_header\n"},
-                    Broken{"input.cloud_value", "f:8: y", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 2,5 3\n"},
-                    Broken{"input.cloud_value", "f:8", "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 2\n1 2 3\n"},
-                    Broken{"input.cloud_value", "f:8", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 2 3 4\n"},
-                    Broken{"input.cloud_header", "f:3", "VERSION 0.7\nFIELDS x y z\nSIZE 4 4\n"},
-                    Broken{"input.cloud_header", "f:4", "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F Q\n"},
-                    Broken{"input.cloud_header", "f:5", "VERSION 0.7\nFIELDS x y z\nSIZE 3 4 4\nPOINTS 1\nDATA ascii\n1 2 3\n"},
-                    Broken{"input.cloud_no_xyz", "f:3", "VERSION 0.7\nPOINTS 1\nDATA ascii\n1 2 3\n"},
-                    Broken{"input.cloud_format", "f", ""}, Broken{"input.cloud_format", "f:1", "1 2\n"}, Broken{"input.cloud_format", "f: byte 1", "a\1 binary thing of some length\n"},
-                    Broken{"input.cloud_value", "f:2", "1 2 3\n1 zwei 3\n"}, Broken{"input.cloud_truncated", "f:2", "1 2 3\n1 2"}));
+    testing::Values(
+        Broken{"input.cloud_header", "f:2", "ply\nformat binary 1.0\nend_header\n"},  //
+        Broken{"input.cloud_header", "f:3", "ply\nformat ascii 1.0\nelement vertex -1\nend_header\n"},
+        Broken{"input.cloud_header", "f:3", "ply\nformat ascii 1.0\nelement vertex 99999999999999999999\nend_header\n"},
+        Broken{"input.cloud_header", "f:3", "ply\nformat ascii 1.0\nproperty float x\nend_header\n"},
+        Broken{"input.cloud_header", "f:4", "ply\nformat ascii 1.0\nelement vertex 1\nproperty real x\nend_header\n"},
+        Broken{"input.cloud_header", "f:2", "ply\nend_header\n"},
+        Broken{"input.cloud_no_xyz", "f", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nend_header\n1 2\n"},
+        Broken{"input.cloud_no_xyz", "f", "ply\nformat ascii 1.0\nelement face 1\nproperty float x\nend_header\n1\n"},
+        Broken{"input.cloud_truncated", "f: byte 127",
+               "ply\nformat binary_little_endian 1.0\nelement vertex 1099511627776\nproperty float x\nproperty float y\nproperty float "
+               "z\nend_header\n"},
+        Broken{"input.cloud_value", "f:8: y",
+               "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 2,5 3\n"},
+        Broken{"input.cloud_value", "f:8",
+               "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 2\n1 2 3\n"},
+        Broken{"input.cloud_value", "f:8",
+               "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 2 3 4\n"},
+        Broken{"input.cloud_header", "f:3", "VERSION 0.7\nFIELDS x y z\nSIZE 4 4\n"},
+        Broken{"input.cloud_header", "f:4", "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F Q\n"},
+        Broken{"input.cloud_header", "f:5", "VERSION 0.7\nFIELDS x y z\nSIZE 3 4 4\nPOINTS 1\nDATA ascii\n1 2 3\n"},
+        Broken{"input.cloud_no_xyz", "f:3", "VERSION 0.7\nPOINTS 1\nDATA ascii\n1 2 3\n"}, Broken{"input.cloud_format", "f", ""},
+        Broken{"input.cloud_format", "f:1", "1 2\n"}, Broken{"input.cloud_format", "f: byte 1", "a\1 binary thing of some length\n"},
+        Broken{"input.cloud_value", "f:2", "1 2 3\n1 zwei 3\n"}, Broken{"input.cloud_truncated", "f:2", "1 2 3\n1 2"}));
 
 TEST(Cloud, a_compressed_bomb_is_refused_without_its_memory) {
   std::string bytes = "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nPOINTS 100000000\nDATA binary_compressed\n";
@@ -127,7 +133,16 @@ TEST(Cloud, a_compressed_bomb_is_refused_without_its_memory) {
 TEST(Cloud, compressed_data_that_do_not_expand_are_refused) {
   std::string bytes = "VERSION 0.7\nFIELDS x y z\nPOINTS 1\nDATA binary_compressed\n";
   test::put(bytes, std::uint32_t(5)), test::put(bytes, std::uint32_t(12));
-  for (const char* packed : {"\x0b" "abcd", "\x01" "ab" "\x20\x09", "\x01" "ab" "\x20\x01", "\xe0\xff\x01" "ab"}) {
+  for (const char* packed : {"\x0b"
+                             "abcd",
+                             "\x01"
+                             "ab"
+                             "\x20\x09",
+                             "\x01"
+                             "ab"
+                             "\x20\x01",
+                             "\xe0\xff\x01"
+                             "ab"}) {
     const auto cloud = read_cloud(bytes + packed, "c.pcd");
     ASSERT_FALSE(cloud);
     EXPECT_EQ(cloud.error()[0].code, "input.cloud_value");
@@ -176,8 +191,9 @@ TEST_P(RealClouds, are_read) {
   EXPECT_EQ(cloud->dropped_count, GetParam().dropped);
 }
 INSTANTIATE_TEST_SUITE_P(Cloud, RealClouds,
-                         testing::Values(RealCloud{"bunny_raw/bun000.ply", 40256, 0}, RealCloud{"bunny_raw/top3.ply", 36023, 0}, RealCloud{"bunny_raw/bun_zipper_res2.ply", 8171, 0},
-                                         RealCloud{"sick_tof_part/data.ply", 24397, 0}, RealCloud{"sick_tof_part/V2D63xModel.ply", 77861, 0}, RealCloud{"uwa_chef_rs1/chef.pcd", 5092, 0},
+                         testing::Values(RealCloud{"bunny_raw/bun000.ply", 40256, 0}, RealCloud{"bunny_raw/top3.ply", 36023, 0},
+                                         RealCloud{"bunny_raw/bun_zipper_res2.ply", 8171, 0}, RealCloud{"sick_tof_part/data.ply", 24397, 0},
+                                         RealCloud{"sick_tof_part/V2D63xModel.ply", 77861, 0}, RealCloud{"uwa_chef_rs1/chef.pcd", 5092, 0},
                                          RealCloud{"uwa_chef_rs1/rs1.pcd", 289541, 0}));
 
 }  // namespace

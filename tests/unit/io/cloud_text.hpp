@@ -29,9 +29,9 @@ inline std::vector<Eigen::Vector3f> some_points(int count) {
 struct PlyLayout {
   std::string format = "binary_little_endian";  // or binary_big_endian, ascii
   bool is_double = false;
-  bool has_extra = false;      // a colour before x, a normal between y and z
-  bool has_list = false;       // a list property in the vertex
-  bool has_range_grid = false; // a list element before the vertices, faces after them
+  bool has_extra = false;       // a colour before x, a normal between y and z
+  bool has_list = false;        // a list property in the vertex
+  bool has_range_grid = false;  // a list element before the vertices, faces after them
 };
 
 inline std::string ply(const std::vector<Eigen::Vector3f>& points, const PlyLayout& l) {
@@ -94,14 +94,16 @@ inline std::string lzf_literals(const std::string& plain) {
 
 inline std::string pcd(const std::vector<Eigen::Vector3f>& points, const std::string& data, bool is_double = false) {
   const std::string size = is_double ? "8" : "4";
-  std::string b = "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS rgb x y normal z\nSIZE 4 " + size + " " + size + " 4 " + size + "\nTYPE U F F F F\nCOUNT 1 1 1 3 1\nWIDTH " + std::to_string(points.size()) +
+  std::string b = "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS rgb x y normal z\nSIZE 4 " + size + " " + size + " 4 " +
+                  size + "\nTYPE U F F F F\nCOUNT 1 1 1 3 1\nWIDTH " + std::to_string(points.size()) +
                   "\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS " + std::to_string(points.size()) + "\nDATA " + data + "\n";
   const auto real = [&](std::string& to, float v) {
     if (is_double) put(to, double(v));
     else put(to, v);
   };
   if (data == "ascii") {
-    for (const auto& p : points) b += "255 " + std::to_string(p.x()) + " " + std::to_string(p.y()) + " 0 0 1 " + std::to_string(p.z()) + "\n";
+    for (const auto& p : points)
+      b += "255 " + std::to_string(p.x()) + " " + std::to_string(p.y()) + " 0 0 1 " + std::to_string(p.z()) + "\n";
   } else if (data == "binary") {
     for (const auto& p : points) {
       put(b, std::uint32_t(255));
@@ -126,7 +128,8 @@ inline std::string pcd(const std::vector<Eigen::Vector3f>& points, const std::st
 
 inline std::string xyz(const std::vector<Eigen::Vector3f>& points, const std::string& divider) {
   std::string b = "# a comment\nX" + divider + "Y" + divider + "Z\n";
-  for (const auto& p : points) b += std::to_string(p.x()) + divider + std::to_string(p.y()) + divider + std::to_string(p.z()) + divider + "17\n";
+  for (const auto& p : points)
+    b += std::to_string(p.x()) + divider + std::to_string(p.y()) + divider + std::to_string(p.z()) + divider + "17\n";
   return b;
 }
 
@@ -139,7 +142,8 @@ inline std::vector<std::pair<std::string, std::string>> all_layouts(const std::v
       all.emplace_back(std::string("ply ") + format + " " + std::to_string(bits), ply(points, l));
     }
   for (const char* data : {"ascii", "binary", "binary_compressed"})
-    for (const bool is_double : {false, true}) all.emplace_back(std::string("pcd ") + data + (is_double ? " double" : ""), pcd(points, data, is_double));
+    for (const bool is_double : {false, true})
+      all.emplace_back(std::string("pcd ") + data + (is_double ? " double" : ""), pcd(points, data, is_double));
   for (const char* divider : {" ", "\t", ", ", ";"}) all.emplace_back(std::string("xyz '") + divider + "'", xyz(points, divider));
   return all;
 }
@@ -147,7 +151,24 @@ inline std::vector<std::pair<std::string, std::string>> all_layouts(const std::v
 /// The bytes with a few of them changed, cut out, doubled or put in.
 inline std::string mutated(std::string bytes, std::mt19937_64& engine) {
   const auto below = [&](std::size_t n) { return n ? std::size_t(engine() % n) : 0; };
-  static const char* const words[] = {"-1", "0", "99999999999", "4294967295", "18446744073709551615", "nan", "1e308", "list", "\n", "end_header\n", "element vertex 7\n", "property double x\n", " ", "\xff\xff\xff\xff", "DATA binary\n", "{", "]", ": "};
+  static const char* const words[] = {"-1",
+                                      "0",
+                                      "99999999999",
+                                      "4294967295",
+                                      "18446744073709551615",
+                                      "nan",
+                                      "1e308",
+                                      "list",
+                                      "\n",
+                                      "end_header\n",
+                                      "element vertex 7\n",
+                                      "property double x\n",
+                                      " ",
+                                      "\xff\xff\xff\xff",
+                                      "DATA binary\n",
+                                      "{",
+                                      "]",
+                                      ": "};
   for (std::size_t k = 1 + below(6); k-- > 0;) {
     const std::size_t at = below(bytes.size() + 1);
     switch (below(6)) {
@@ -155,10 +176,17 @@ inline std::string mutated(std::string bytes, std::mt19937_64& engine) {
       case 1:
         if (at < bytes.size()) bytes[at] = char(engine());
         break;
-      case 2: bytes.resize(at); break;
-      case 3: bytes.insert(at, words[below(std::size(words))]); break;
-      case 4: bytes.erase(at, below(20)); break;
-      default: bytes.insert(at, bytes.substr(below(bytes.size() + 1), below(64)));
+      case 2:
+        bytes.resize(at);
+        break;
+      case 3:
+        bytes.insert(at, words[below(std::size(words))]);
+        break;
+      case 4:
+        bytes.erase(at, below(20));
+        break;
+      default:
+        bytes.insert(at, bytes.substr(below(bytes.size() + 1), below(64)));
     }
   }
   return bytes;

@@ -53,7 +53,9 @@ TEST(Urdf, real_robots_reach_the_known_poses) {
       if (v.size() != 18) continue;
       ++rows;
       Pose<frame::Base, frame::Base> T;
-      for (std::size_t j = 0; j < 6; ++j) T = T * k.joints[j].T_parent_joint * Pose<frame::Base, frame::Base>(Eigen::Quaterniond(Eigen::AngleAxisd(v[j], k.joints[j].axis)), Vec3::Zero());
+      for (std::size_t j = 0; j < 6; ++j)
+        T = T * k.joints[j].T_parent_joint *
+            Pose<frame::Base, frame::Base>(Eigen::Quaterniond(Eigen::AngleAxisd(v[j], k.joints[j].axis)), Vec3::Zero());
       T = T * k.T_last_tip;
       Mat3 R;
       Vec3 p_mm;
@@ -71,13 +73,20 @@ TEST(Urdf, real_robots_reach_the_known_poses) {
 }
 
 std::string arm(const std::string& extra = "", const std::string& type = "revolute", int joints = 6) {
-  std::string s = "<robot name=\"r\">\n<link name=\"world\"/>\n<link name=\"b\"><collision><geometry><box size=\"0.1 0.2 0.3\"/></geometry></collision></link>\n"
-                  "<joint name=\"stand\" type=\"fixed\"><parent link=\"world\"/><child link=\"b\"/><origin xyz=\"5 5 5\"/></joint>\n"
-                  "<link name=\"feet\"/><joint name=\"feet\" type=\"fixed\"><parent link=\"b\"/><child link=\"feet\"/><origin xyz=\"0 0 0.5\" rpy=\"0 0 1.5707963267948966\"/></joint>\n";
+  std::string s =
+      "<robot name=\"r\">\n<link name=\"world\"/>\n<link name=\"b\"><collision><geometry><box size=\"0.1 0.2 "
+      "0.3\"/></geometry></collision></link>\n"
+      "<joint name=\"stand\" type=\"fixed\"><parent link=\"world\"/><child link=\"b\"/><origin xyz=\"5 5 5\"/></joint>\n"
+      "<link name=\"feet\"/><joint name=\"feet\" type=\"fixed\"><parent link=\"b\"/><child link=\"feet\"/><origin xyz=\"0 0 0.5\" rpy=\"0 "
+      "0 1.5707963267948966\"/></joint>\n";
   for (int j = 1; j <= joints; ++j) {
     const std::string n = std::to_string(j), parent = j == 1 ? "b" : "l" + std::to_string(j - 1);
-    s += "<link name=\"l" + n + "\"><visual><origin xyz=\"0 0 0.05\"/><geometry><cylinder radius=\"0.02\" length=\"0.1\"/></geometry></visual></link>\n<joint name=\"j" + n + "\" type=\"" + type + "\"><parent link=\"" + parent + "\"/><child link=\"l" + n + "\"/><origin xyz=\"0 0 0.1\"/><axis xyz=\"0 " +
-         (j % 2 ? "0 1" : "2 0") + "\"/><limit lower=\"-1\" upper=\"1\" velocity=\"2\" effort=\"0\"/></joint>\n";
+    s += "<link name=\"l" + n +
+         "\"><visual><origin xyz=\"0 0 0.05\"/><geometry><cylinder radius=\"0.02\" length=\"0.1\"/></geometry></visual></link>\n<joint "
+         "name=\"j" +
+         n + "\" type=\"" + type + "\"><parent link=\"" + parent + "\"/><child link=\"l" + n +
+         "\"/><origin xyz=\"0 0 0.1\"/><axis xyz=\"0 " + (j % 2 ? "0 1" : "2 0") +
+         "\"/><limit lower=\"-1\" upper=\"1\" velocity=\"2\" effort=\"0\"/></joint>\n";
   }
   return s + extra + "</robot>\n";
 }
@@ -106,7 +115,9 @@ TEST(Urdf, shapes_are_placed_and_closed) {
     double volume = 0;
     std::map<std::pair<int, int>, int> sides;
     for (const auto& t : s.mesh_shape.triangles) {
-      volume += s.mesh_shape.vertices[std::size_t(t[0])].dot(s.mesh_shape.vertices[std::size_t(t[1])].cross(s.mesh_shape.vertices[std::size_t(t[2])])) / 6;
+      volume += s.mesh_shape.vertices[std::size_t(t[0])].dot(
+                    s.mesh_shape.vertices[std::size_t(t[1])].cross(s.mesh_shape.vertices[std::size_t(t[2])])) /
+                6;
       for (std::size_t k = 0; k < 3; ++k) sides[{t[k], t[(k + 1) % 3]}] += 1;
     }
     for (const auto& [side, count] : sides) EXPECT_TRUE(count == 1 && sides.count({side.second, side.first})) << s.link;
@@ -128,12 +139,18 @@ TEST(Urdf, what_is_no_arm_is_refused) {
   EXPECT_EQ(code(arm(), "l1", "b"), "input.urdf_joints");
   EXPECT_EQ(code(arm("", "prismatic"), "b", "l6"), "input.urdf_joints");
   EXPECT_EQ(code(arm("<link name=\"island\"/>"), "island", "l6"), "input.urdf_link");
-  EXPECT_EQ(code(arm("<joint name=\"loop\" type=\"fixed\"><parent link=\"l6\"/><child link=\"world\"/></joint>"), "b", "l6"), "input.urdf_link");
-  EXPECT_EQ(code(arm("<link name=\"x\"><visual><geometry><box size=\"1 a 1\"/></geometry></visual></link><joint name=\"x\" type=\"fixed\"><parent link=\"l6\"/><child link=\"x\"/></joint>"), "b", "l6"), "input.urdf_value");
+  EXPECT_EQ(code(arm("<joint name=\"loop\" type=\"fixed\"><parent link=\"l6\"/><child link=\"world\"/></joint>"), "b", "l6"),
+            "input.urdf_link");
+  EXPECT_EQ(code(arm("<link name=\"x\"><visual><geometry><box size=\"1 a 1\"/></geometry></visual></link><joint name=\"x\" "
+                     "type=\"fixed\"><parent link=\"l6\"/><child link=\"x\"/></joint>"),
+                 "b", "l6"),
+            "input.urdf_value");
 }
 
 TEST(Urdf, a_joint_beside_the_chain_is_said) {
-  const auto r = read_urdf(arm("<link name=\"rod\"><visual><geometry><sphere radius=\"0.1\"/></geometry></visual></link><joint name=\"rod\" type=\"revolute\"><parent link=\"l1\"/><child link=\"rod\"/></joint>"), "r", "b", "l6");
+  const auto r = read_urdf(arm("<link name=\"rod\"><visual><geometry><sphere radius=\"0.1\"/></geometry></visual></link><joint "
+                               "name=\"rod\" type=\"revolute\"><parent link=\"l1\"/><child link=\"rod\"/></joint>"),
+                           "r", "b", "l6");
   ASSERT_TRUE(r);
   ASSERT_EQ(r->notes.size(), 1u);
   EXPECT_EQ(r->notes[0].code, "input.urdf_side_joint");
