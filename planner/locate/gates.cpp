@@ -177,7 +177,6 @@ double calibration_strain(const RobotPrior& prior, const AdjustState& state) {
 }
 
 Contradiction worst_pair(const RobotPrior& prior, const AdjustRequest& request, const Adjusted& adjusted) {
-  const int count = static_cast<int>(prior.capture.size());
   const Eigen::MatrixXd root = prior.covariance.llt().matrixL();
   std::vector<Eigen::MatrixXd> rooted;
   for (const auto& m : prior.capture) rooted.push_back(m * root);
@@ -203,7 +202,6 @@ Contradiction worst_pair(const RobotPrior& prior, const AdjustRequest& request, 
       s.z2 += apart * apart / allowed, s.apart += apart * apart, s.allowed += allowed, ++s.count;
     }
   }
-  (void)count;
   Contradiction worst;
   for (const auto& [key, value] : pairs) {
     const Sum& s = value.second;

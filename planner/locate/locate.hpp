@@ -18,7 +18,13 @@ struct LocateRecipe {
   }
 };
 
-/// Refuses locate.ambiguous, locate.unobservable, locate.no_match, locate.captures_contradict, locate.outside_play, ...
+/// Frames    cloud in base as commanded; out: everything as the controller has to be told (the robot's error at the cut is taken
+///           off), see Location.
+/// Method    starts over the fixture's play, descent on the drawing's distance grid, likelihood along rays; then one adjustment
+///           of part, arm, hand-eye and the part's own imperfection (robust Gauss-Newton, captures tied by shared cells).
+/// Refuses   locate.no_match, locate.ambiguous, locate.not_converged, locate.captures_contradict, locate.unobservable,
+///           locate.outside_play, and what Robot::from refuses.
+/// Promises  same bytes for same bytes and for points in any order; moving the scan moves the answer.
 Result<Done<Location>> locate(const LocateRecipe& recipe, const Job& job, const MeasuredCloud& cloud);
 
 }  // namespace asbuilt

@@ -29,7 +29,6 @@ struct Descent {
   const Scene& scene;
   Pose<frame::Base, frame::Part> nominal;
   Vec3 play_mm;
-  bool is_held;  // the fixture bounds where the part is
 
   /// One damped step of point to plane; returns the mean score at the pose it was given.
   double step(Pose<frame::Base, frame::Part>& T, std::size_t count, double reach_mm) const {
@@ -58,7 +57,7 @@ struct Descent {
     }
     const double n = static_cast<double>(count);
     H.diagonal().array() += 1e-3 * n;
-    if (is_held) {  // the fixture pulls back, softly inside its play
+    {  // the fixture pulls back, softly inside its play
       const Vec3 off = R * (T.point(cad.center_part) - (nominal * Pose<frame::Part, frame::Part>(nominal.q.conjugate() * T.q, Vec3::Zero())).point(cad.center_part));
       const Vec3 play = play_mm.cwiseMax(2.0);
       for (int a = 0; a < 3; ++a) H(a, a) += 0.05 * n / (play[a] * play[a]), g[a] -= 0.05 * n * off[a] / (play[a] * play[a]);
@@ -131,7 +130,7 @@ std::vector<Pose<frame::Base, frame::Part>> starts(const FixtureSpec& fixture) {
 
 std::vector<Candidate> descend(const CadModel& cad, const Scene& scene, const FixtureSpec& fixture) {
   const Pose<frame::Base, frame::Part> nominal = fixture.T_base_fixture * fixture.T_fixture_part;
-  Descent descent{cad, scene, nominal, fixture.play_mm, true};
+  Descent descent{cad, scene, nominal, fixture.play_mm};
   int free_count = 0;
   for (const auto& p : fixture.play_rad) free_count += !p || *p > rad_from_deg(175);
   const std::vector<Pose<frame::Base, frame::Part>> from = starts(fixture);
@@ -150,7 +149,7 @@ std::vector<Candidate> descend(const CadModel& cad, const Scene& scene, const Fi
 void settle_turn(const CadModel& cad, const Scene& scene, const FixtureSpec& fixture, const std::vector<Vec3>& sensor_base, std::size_t rays_max,
                  Candidate& candidate) {
   const Pose<frame::Base, frame::Part> nominal = fixture.T_base_fixture * fixture.T_fixture_part;
-  const Descent descent{cad, scene, nominal, fixture.play_mm, true};
+  const Descent descent{cad, scene, nominal, fixture.play_mm};
   const std::size_t some = std::min<std::size_t>(scene.points.size(), 1000);
   for (int axis = 0; axis < 3; ++axis) {
     if (fixture.play_rad[static_cast<std::size_t>(axis)].value_or(kPi) < rad_from_deg(4.0)) continue;
@@ -189,7 +188,6 @@ void look_along_rays(const CadModel& cad, const Scene& scene, const std::vector<
     const double range = (p - o).norm();
     const Vec3 d = (p - o) / range;
     // Does the ray come near the part at all?
-    Vec3 near = Vec3::Zero();
     double enter = 0, leave = 1e9;
     for (int a = 0; a < 3; ++a) {
       if (std::abs(d[a]) < 1e-12) {
@@ -199,7 +197,6 @@ void look_along_rays(const CadModel& cad, const Scene& scene, const std::vector<
       const double t0 = (box.min_mm[a] - o[a]) / d[a], t1 = (box.max_mm[a] - o[a]) / d[a];
       enter = std::max(enter, std::min(t0, t1)), leave = std::min(leave, std::max(t0, t1));
     }
-    (void)near;
     if (distance < 4 * sigma) {  // on the surface, unless hidden behind another one
       const auto hit = enter <= leave ? cad.query.first_hit(o, d) : std::nullopt;
       const double hidden = hit ? range - hit->distance_mm : 0.0;
