@@ -94,7 +94,8 @@ std::vector<Cell> associate(const Association& how, const MeasuredCloud& cloud, 
             best.capture = static_cast<int>(k);
             best.point = static_cast<std::uint32_t>(i);
             const Eigen::Array3d c = (p / how.cell_mm).array().floor() + 1048576.0;
-            best.voxel = (static_cast<std::int64_t>(c.x()) << 42) | (static_cast<std::int64_t>(c.y()) << 21) | static_cast<std::int64_t>(c.z());
+            best.voxel = (static_cast<std::int64_t>(c.x()) << 42) | (static_cast<std::int64_t>(c.y()) << 21) |
+                         static_cast<std::int64_t>(c.z());
             members[i] = best;
             p_part[i] = p;
           }

@@ -16,6 +16,28 @@ struct Row {
   Vec6 capture;          // by the whitened unknowns of the capture
 };
 
+/// h x = g, where faces are coupled through the captures only: each face is eliminated on its own, then the captures are solved.
+Eigen::VectorXd solve_by_faces(const Eigen::MatrixXd& h, const Eigen::VectorXd& g, const std::vector<FaceModel>& faces, const Bundle& layout) {
+  const int size = static_cast<int>(h.rows()), c = layout.captures_offset, captures = size - c;
+  Eigen::MatrixXd reduced = h.bottomRightCorner(captures, captures);
+  Eigen::VectorXd right = g.tail(captures), x(size);
+  std::vector<Eigen::MatrixXd> coupling(faces.size());
+  for (std::size_t f = 0; f < faces.size(); ++f) {
+    const int a = layout.offset[f], m = modes_count(faces[f].surface) + faces[f].field.size();
+    const Eigen::LLT<Eigen::MatrixXd> llt(h.block(a, a, m, m));
+    x.segment(a, m) = llt.solve(g.segment(a, m));
+    if (captures == 0) continue;
+    const Eigen::MatrixXd h_fc = h.block(a, c, m, captures);
+    coupling[f] = llt.solve(h_fc);
+    reduced.noalias() -= h_fc.transpose() * coupling[f];
+    right.noalias() -= h_fc.transpose() * x.segment(a, m);
+  }
+  if (captures == 0) return x;
+  x.tail(captures) = reduced.llt().solve(right);
+  for (std::size_t f = 0; f < faces.size(); ++f) x.segment(layout.offset[f], coupling[f].rows()) -= coupling[f] * x.tail(captures);
+  return x;
+}
+
 double tukey(double u) { return std::abs(u) < 1 ? (1 - u * u) * (1 - u * u) : 0.0; }
 
 }  // namespace
@@ -126,7 +148,7 @@ Bundle solve_bundle(const BundleOptions& options, const std::vector<Cell>& cells
         g.segment<6>(b) += captures[k].whitened;
       }
     if (round == options.rounds_count) break;
-    const Eigen::VectorXd step = -h.llt().solve(g);
+    const Eigen::VectorXd step = -solve_by_faces(h, g, faces, out);
     for (std::size_t f = 0; f < faces.size(); ++f) {
       FaceModel& face = faces[f];
       const int a = out.offset[f], modes = modes_count(face.surface);

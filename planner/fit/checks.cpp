@@ -113,20 +113,25 @@ Disagreement worst_disagreement(const Setup& setup, const MeasuredCloud& cloud, 
     const Cell& c = cells[i];
     if (!setup.is_fine[c.capture]) continue;
     const Eigen::Array3d p = (T_part_base.point(setup.captures[c.capture].correction.point(c.p_base)) / kCube_mm).array().floor();
-    auto& a = cubes[{c.slot, static_cast<std::int64_t>(p.x()), static_cast<std::int64_t>(p.y()), static_cast<std::int64_t>(p.z())}][c.capture];
+    const std::array<std::int64_t, 4> place{c.slot, static_cast<std::int64_t>(p.x()), static_cast<std::int64_t>(p.y()),
+                                            static_cast<std::int64_t>(p.z())};
+    auto& a = cubes[place][c.capture];
     a.first += bundle.residual_mm[i], a.second += 1;
   }
   std::map<std::array<int, 3>, std::vector<double>> differences;  // (slot, capture, capture)
   for (const auto& [place, by_capture] : cubes)
     for (auto a = by_capture.begin(); a != by_capture.end(); ++a)
       for (auto b = std::next(a); b != by_capture.end(); ++b)
-        differences[{static_cast<int>(place[0]), a->first, b->first}].push_back(a->second.first / a->second.second - b->second.first / b->second.second);
+        differences[{static_cast<int>(place[0]), a->first, b->first}].push_back(a->second.first / a->second.second -
+                                                                                b->second.first / b->second.second);
   Disagreement out;
   for (auto& [key, d] : differences) {
     if (d.size() < 10) continue;
     std::nth_element(d.begin(), d.begin() + static_cast<std::ptrdiff_t>(d.size() / 2), d.end());
     const double middle = std::abs(d[d.size() / 2]);
-    if (middle > out.distance_mm) out.distance_mm = middle, out.slot = key[0], out.capture_a = key[1], out.capture_b = key[2], out.places_count = static_cast<int>(d.size());
+    if (middle <= out.distance_mm) continue;
+    out.distance_mm = middle, out.places_count = static_cast<int>(d.size());
+    out.slot = key[0], out.capture_a = key[1], out.capture_b = key[2];
   }
   for (std::size_t k = 0; k < cloud.captures.size(); ++k)
     if (setup.is_fine[k]) out.noise_mm = std::max(out.noise_mm, cloud.captures[k].noise_mm);

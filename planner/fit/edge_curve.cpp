@@ -137,7 +137,7 @@ Mat3 edge_covariance(const Bundle& bundle, const std::vector<FaceModel>& faces, 
   const int w[2] = {modes_count(face_1.surface) + face_1.field.size(), modes_count(face_2.surface) + face_2.field.size()};
   for (int i = 0; i < 2; ++i)
     for (int j = 0; j < 2; ++j)
-      heights(i, j) = g.block(o[i], i, w[i], 1).col(0).dot(bundle.covariance.block(o[i], o[j], w[i], w[j]) * g.block(o[j], j, w[j], 1).col(0));
+      heights(i, j) = g.col(i).segment(o[i], w[i]).dot(bundle.covariance.block(o[i], o[j], w[i], w[j]) * g.col(j).segment(o[j], w[j]));
   heights.diagonal() += rest;
   const Mat3 inverse = m.inverse();
   const Eigen::Matrix<double, 3, 2> k = inverse.leftCols<2>();

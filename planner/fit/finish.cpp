@@ -143,7 +143,8 @@ Features finish(const Solved& s) {
       if (it != seen.begin()) best = std::min(best, at - *std::prev(it));
       return best;
     };
-    for (std::size_t i = 0; i < count; ++i) edge.status.push_back(station_status(nearest(seen_1, edge.s_mm[i]), nearest(seen_2, edge.s_mm[i])));
+    for (std::size_t i = 0; i < count; ++i)
+      edge.status.push_back(station_status(nearest(seen_1, edge.s_mm[i]), nearest(seen_2, edge.s_mm[i])));
 
     // Covariance at a few stations, between them by interpolation: it is smooth.
     const std::size_t every = std::max<std::size_t>(1, static_cast<std::size_t>(std::lround(4.0 / s.recipe.station_mm)));
@@ -156,7 +157,8 @@ Features finish(const Solved& s) {
                       common_covariance(s, capture_weight, model.feature, edge.adapted[i]));
     for (std::size_t i = 0, k = 0; i < count; ++i) {
       while (k + 2 < at.size() && at[k + 1] <= i) ++k;
-      const double t = at.size() > 1 ? std::clamp((static_cast<double>(i) - static_cast<double>(at[k])) / static_cast<double>(at[k + 1] - at[k]), 0.0, 1.0) : 0;
+      const double gap = at.size() > 1 ? static_cast<double>(at[k + 1] - at[k]) : 1.0;
+      const double t = at.size() > 1 ? std::clamp((static_cast<double>(i) - static_cast<double>(at[k])) / gap, 0.0, 1.0) : 0.0;
       Mat3 c = at.size() > 1 ? Mat3((1 - t) * known[k] + t * known[k + 1]) : known[0];
       const Mat3 across = Mat3::Identity() - edge.tangent[i] * edge.tangent[i].transpose();
       edge.covariance.push_back(0.5 * (c + c.transpose()));
