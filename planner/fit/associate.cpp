@@ -28,27 +28,38 @@ double median_of(std::vector<double>& v) {
 }  // namespace
 
 std::vector<Cell> associate(const Association& how, const MeasuredCloud& cloud, const Pose<frame::Base, frame::Part>& T_base_part,
-                            const std::vector<Pose<frame::Base, frame::Base>>& corrections, const std::vector<char>& use,
-                            const std::vector<EdgeModel>& edges, const std::vector<FaceModel>& faces, const PolylineIndex& all_edges,
-                            const std::vector<int>& all_edges_index) {
+                            const std::vector<Pose<frame::Base, frame::Base>>& corrections, const std::vector<char>& is_fine,
+                            const std::vector<char>& coarse_edges, const std::vector<EdgeModel>& edges,
+                            const std::vector<FaceModel>& faces, const PolylineIndex& all_edges, const std::vector<int>& all_edges_index) {
   std::vector<std::vector<Vec3>> lines;
   for (const EdgeModel& e : edges) lines.push_back(e.current);
-  const PolylineIndex worked(lines, how.reach_most() * 1.05);
+  const PolylineIndex worked(lines, how.reach_mm * 1.05);
+  // Edges with a face that is taken from farther in have an index of their own: a long reach is dear.
+  const bool any_far = !how.is_far.empty();
+  for (std::size_t e = 0; e < edges.size(); ++e)
+    if (how.reach_of(edges[e].slot_1) <= how.reach_mm && how.reach_of(edges[e].slot_2) <= how.reach_mm) lines[e].clear();
+  const PolylineIndex far = any_far ? PolylineIndex(lines, how.reach_most() * 1.05) : PolylineIndex();
   const Pose<frame::Part, frame::Base> T_part_base = T_base_part.inverse();
 
+  const bool any_coarse = std::find(coarse_edges.begin(), coarse_edges.end(), 1) != coarse_edges.end();
   std::vector<Member> members(cloud.p_base.size());
   std::vector<Vec3> p_part(cloud.p_base.size());
   for (std::size_t k = 0; k < cloud.captures.size(); ++k) {
-    if (!use[k]) continue;
+    if (!is_fine[k] && !any_coarse) continue;
     const Pose<frame::Part, frame::Base> T = T_part_base * corrections[k];
     const Mat3 rotation = T.rotation();
     tbb::parallel_for(
         tbb::blocked_range<std::size_t>(cloud.captures[k].begin, cloud.captures[k].end, 2048),
         [&](const tbb::blocked_range<std::size_t>& range) {
-          std::vector<PolylineFoot> near_worked, near_any;
+          std::vector<PolylineFoot> near_worked, near_far, near_any;
           for (std::size_t i = range.begin(); i < range.end(); ++i) {
             const Vec3 p = rotation * cloud.p_base[i] + T.p_mm;
             worked.near(p, near_worked);
+            if (any_far) {
+              far.near(p, near_far);
+              for (const PolylineFoot& foot : near_far)
+                if (foot.distance_mm > how.reach_mm * 1.05) near_worked.push_back(foot);
+            }
             if (near_worked.empty()) continue;
             const Vec3 n_measured = rotation * cloud.n_base[i].cast<double>();
             const bool has_normal = n_measured.squaredNorm() > 0.25;
@@ -56,7 +67,7 @@ std::vector<Cell> associate(const Association& how, const MeasuredCloud& cloud, 
             double best_score = 1e300;
             for (const PolylineFoot& foot : near_worked) {
               const EdgeModel& edge = edges[foot.line];
-              if (foot.is_beyond) continue;
+              if (foot.is_beyond || (!is_fine[k] && !coarse_edges[static_cast<std::size_t>(foot.line)])) continue;
               const Vec3 v = p - foot.p;
               const Vec3 tangent = edge.tangent[foot.segment];
               for (const int slot : {edge.slot_1, edge.slot_2}) {

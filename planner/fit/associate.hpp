@@ -45,10 +45,10 @@ struct Association {
   double reach_most() const { return is_far.empty() ? reach_mm : std::max(reach_mm, far_reach_mm); }
 };
 
-/// Cells in a fixed order (slot, capture, place). Only captures with use[k] are looked at.
+/// Cells in a fixed order (slot, capture, place). Captures that are not fine count only beside edges marked in coarse_edges.
 std::vector<Cell> associate(const Association& how, const MeasuredCloud& cloud, const Pose<frame::Base, frame::Part>& T_base_part,
-                            const std::vector<Pose<frame::Base, frame::Base>>& corrections, const std::vector<char>& use,
-                            const std::vector<EdgeModel>& edges, const std::vector<FaceModel>& faces, const PolylineIndex& all_edges,
-                            const std::vector<int>& all_edges_index);
+                            const std::vector<Pose<frame::Base, frame::Base>>& corrections, const std::vector<char>& is_fine,
+                            const std::vector<char>& coarse_edges, const std::vector<EdgeModel>& edges,
+                            const std::vector<FaceModel>& faces, const PolylineIndex& all_edges, const std::vector<int>& all_edges_index);
 
 }  // namespace asbuilt::fitting

@@ -15,14 +15,13 @@ namespace fitting {
 constexpr double kFarReach_mm = 45;  // into a face of which little was seen beside its edge
 namespace {
 
-
-
-/// Which captures an edge needs: the finest sensors alone where they saw both its sides, else all.
-std::vector<char> choose_captures(const Setup& setup, const std::vector<Cell>& fine_cells) {
+/// The edges that the finest sensors alone do not settle: there the others count too.
+std::vector<char> find_coarse_edges(const Setup& setup, const std::vector<Cell>& fine_cells) {
   std::vector<std::pair<int, int>> seen(setup.edges.size(), {0, 0});
   for (const Cell& c : fine_cells) (c.slot == setup.edges[c.edge].slot_1 ? seen[c.edge].first : seen[c.edge].second)++;
-  const bool is_enough = std::all_of(seen.begin(), seen.end(), [](const auto& s) { return s.first >= 4 && s.second >= 4; });
-  return is_enough ? setup.is_fine : std::vector<char>(setup.captures.size(), 1);
+  std::vector<char> out;
+  for (const auto& s : seen) out.push_back(s.first < 4 || s.second < 4 ? 1 : 0);
+  return out;
 }
 
 /// Faces of which an edge has too little beside it. A face seen farther in is as good a plane or cylinder; but an edge that
@@ -131,19 +130,23 @@ Result<Done<Features>> fit(const FitRecipe& recipe, const Job& job, const Measur
 
   // By the drawing first, far enough from the edges that the part's deviation cannot put a point on the wrong face.
   std::vector<Cell> cells;
-  std::vector<char> use = setup.is_fine, far;
+  std::vector<char> coarse(setup.edges.size(), 0), far;
   Bundle bundle;
+  const auto find_cells = [&](Association how) {
+    how.is_far = far, how.far_reach_mm = kFarReach_mm;
+    return associate(how, cloud, T, corrections_of(setup), setup.is_fine, coarse, setup.edges, setup.faces, setup.all_edges, setup.all_edges_index);
+  };
   for (const double margin : {std::min(1.5, recipe.deviation_max_mm), 0.5, 0.1}) {
-    Association how{setup.band_mm + margin, setup.reach_mm, setup.band_mm + margin, recipe.deviation_max_mm};
-    how.far_reach_mm = kFarReach_mm;
-    cells = associate(how, cloud, T, corrections_of(setup), setup.is_fine, setup.edges, setup.faces, setup.all_edges, setup.all_edges_index);
-    use = choose_captures(setup, cells);
-    if (use != setup.is_fine)
-      cells = associate(how, cloud, T, corrections_of(setup), use, setup.edges, setup.faces, setup.all_edges, setup.all_edges_index);
-    far = choose_far(setup, cells);
-    if (!far.empty()) {
-      how.is_far = far;
-      cells = associate(how, cloud, T, corrections_of(setup), use, setup.edges, setup.faces, setup.all_edges, setup.all_edges_index);
+    const Association how{setup.band_mm + margin, setup.reach_mm, setup.band_mm + margin, recipe.deviation_max_mm};
+    far.clear();
+    cells = find_cells(how);
+    if (std::vector<char> more = choose_far(setup, cells); !more.empty()) {
+      far = std::move(more);
+      cells = find_cells(how);
+    }
+    if (margin == 0.1 && !check_seen(setup, cells, job).empty()) {  // the last resort: what the coarser sensors saw
+      coarse = find_coarse_edges(setup, cells);
+      cells = find_cells(how);
     }
     if (check_seen(setup, cells, job).empty()) break;
   }
@@ -166,9 +169,7 @@ Result<Done<Features>> fit(const FitRecipe& recipe, const Job& job, const Measur
     }
   }
   for (const FaceModel& f : setup.faces) must(std::isfinite(f.rms_mm), "fit: rms");
-  Association close{setup.band_mm, setup.reach_mm, setup.band_mm + std::min(moved_most, recipe.deviation_max_mm), 0.5};
-  close.is_far = far, close.far_reach_mm = kFarReach_mm;
-  cells = associate(close, cloud, T, corrections_of(setup), use, setup.edges, setup.faces, setup.all_edges, setup.all_edges_index);
+  cells = find_cells({setup.band_mm, setup.reach_mm, setup.band_mm + std::min(moved_most, recipe.deviation_max_mm), 0.5});
   bundle = solve_bundle({}, cells, T, setup.faces, setup.captures);
   choose_fields(setup, cells, bundle, T);
   bundle = solve_bundle({}, cells, T, setup.faces, setup.captures);
