@@ -67,8 +67,6 @@ std::vector<BrepEdge> classify_edges(const Body& body, double step_mm, double st
     std::vector<double> t = finer(e, step_mm, step_rad);
     bool forward = e.t1 >= e.t0;
     if (!e.uses.empty() && !e.uses[0].second) std::reverse(t.begin(), t.end()), forward = !forward;
-    const Vec3 p_first = body.vertices[static_cast<std::size_t>(e.v0)].p, p_last = body.vertices[static_cast<std::size_t>(e.v1)].p;
-    (void)p_first, (void)p_last;
     double s = 0;
     for (std::size_t i = 0; i < t.size(); ++i) {
       const CurvePoint c = evaluate(e.curve, t[i]);

@@ -46,8 +46,7 @@ std::vector<double> sample_curve(const Curve& c, double t0, double t1, const Tol
     uniform(std::clamp(static_cast<int>(n), count_min, 7000));
     return breaks;
   }
-  if (const auto* l = std::get_if<PolylineCurve>(&c.shape)) {
-    (void)l;
+  if (std::holds_alternative<PolylineCurve>(c.shape)) {
     if (t1 > t0)
       for (double k = std::floor(t0 + 1e-9) + 1; k < t1 - 1e-9; ++k) breaks.push_back(k);
     else

@@ -21,7 +21,7 @@ constexpr double kPlacedFacesLimit = 1e6;
 
 /// Appends one placed body to the part.
 void place(const Body& body, const BodyMesh& mesh, const std::vector<BrepEdge>& edges, const Eigen::Affine3d& T, Brep& out) {
-  const int face_0 = static_cast<int>(out.faces.size()), edge_0 = static_cast<int>(out.edges.size());
+  const int face_0 = static_cast<int>(out.faces.size());
   const int vertex_0 = static_cast<int>(out.mesh.vertices.size()), body_index = out.solids_count + out.shells_count;
   const double scale = std::cbrt(std::abs(T.linear().determinant()));
   const bool is_mirror = T.linear().determinant() < 0;
@@ -68,7 +68,6 @@ void place(const Body& body, const BodyMesh& mesh, const std::vector<BrepEdge>& 
     }
     out.edges.push_back(std::move(e));
   }
-  (void)edge_0;
   for (const Vec3& v : mesh.vertices) out.mesh.vertices.push_back(is_identity ? v : T * v);
   for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
     auto tri = mesh.triangles[t];
