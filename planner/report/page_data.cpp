@@ -153,6 +153,16 @@ std::vector<Vec3> cloud_sample(const ItemRecord& r, const Box3& box) {
   return p;
 }
 
+/// True where the text holds the id as a whole word: "#10" is not named by "#103".
+bool names(const std::string& text, const std::string& id) {
+  if (id.empty()) return false;
+  for (std::size_t at = text.find(id); at != std::string::npos; at = text.find(id, at + 1)) {
+    const std::size_t end = at + id.size();
+    if (end == text.size() || !std::isalnum(static_cast<unsigned char>(text[end]))) return true;
+  }
+  return false;
+}
+
 /// Edges the recipes work, as drawn, where none was fitted; those a reason names are marked.
 Json wanted_json(const ItemRecord& r) {
   Json wanted = Json::array();
@@ -160,12 +170,7 @@ Json wanted_json(const ItemRecord& r) {
     for (const int k : f.edges) {
       if (k < 0 || static_cast<std::size_t>(k) >= r.job->part.brep.edges.size()) continue;
       const BrepEdge& e = r.job->part.brep.edges[static_cast<std::size_t>(k)];
-      bool is_blamed = false;
-      for (const Refusal& why : r.reasons) {
-        const std::string text = why.where + " " + why.message + " ";
-        const std::size_t at = text.find(e.id);
-        is_blamed |= !e.id.empty() && at != std::string::npos && !std::isalnum(static_cast<unsigned char>(text[at + e.id.size()]));
-      }
+      const bool is_blamed = std::any_of(r.reasons.begin(), r.reasons.end(), [&](const Refusal& why) { return names(why.where + " " + why.message, e.id); });
       wanted.push_back({{"id", e.id}, {"feature", f.id}, {"blamed", is_blamed}, {"p", flat(thinned_line(e.p, 0.02), 2)}});
     }
   return wanted;

@@ -147,6 +147,18 @@ TEST(Report, thinned_mesh_keeps_its_shape) {
   EXPECT_EQ(thinned(mesh, 1000000).triangles.size(), mesh.triangles.size());
 }
 
+TEST(Report, edges_named_in_the_reason_are_marked_and_no_others) {
+  ItemRecord record = test::refused_record();
+  std::vector<BrepEdge>& edges = record.job->part.brep.edges;
+  edges[0].id = "#10", edges[1].id = "#103", edges[2].id = "#41", edges[3].id = "#419";
+  record.job->part.features = {{"lug1", "deburr-0.4", {0, 1}}, {"lug3", "deburr-0.4", {2, 3}}};
+  record.reasons[0].where = "edge #419 of lug3, and #103";
+  const Json wanted = page_data(record).at("wanted");
+  ASSERT_EQ(wanted.size(), 4u);
+  for (const Json& e : wanted) EXPECT_EQ(e.at("blamed").get<bool>(), e.at("id") == "#103" || e.at("id") == "#419") << e.at("id");
+  EXPECT_FALSE(page_data(test::ring_record()).contains("wanted"));
+}
+
 TEST(Report, base64_as_in_rfc_4648) {
   EXPECT_EQ(base64(""), "");
   EXPECT_EQ(base64("f"), "Zg==");
