@@ -27,7 +27,6 @@ using Points = std::vector<Eigen::Vector3f>;
 constexpr double kCosineMin = 0.26;  // 75 deg
 // A point that fewer of its own neighbours than this know as theirs hangs alone in space.
 constexpr int kMutualMin = 3;
-constexpr double kScatterRatio = 0.05;  // least over largest principal variance of a neighbourhood
 
 std::uint64_t spread_bits(std::uint64_t x) {
   x &= 0x1fffff;
@@ -106,26 +105,10 @@ Neighbourhood search(const Points& points, int wanted_count) {
   return n;
 }
 
-/// Whether the points around i fill space instead of a surface or a line.
-bool is_scatter(const Points& points, const Neighbourhood& n, std::size_t i) {
-  const std::size_t count = static_cast<std::size_t>(n.count);
-  Vec3 mean = Vec3::Zero();
-  Mat3 square = Mat3::Zero();
-  for (std::size_t j = 0; j < count; ++j) {
-    const Vec3 d = (points[static_cast<std::size_t>(n.index[i * count + j])] - points[i]).cast<double>();
-    mean += d / static_cast<double>(count), square += d * d.transpose() / static_cast<double>(count);
-  }
-  Eigen::SelfAdjointEigenSolver<Mat3> eigen;
-  eigen.computeDirect(square - mean * mean.transpose(), Eigen::EigenvaluesOnly);
-  return eigen.eigenvalues()(0) > kScatterRatio * eigen.eigenvalues()(2);
-}
-
-/// An outlier is far from its neighbours by their own measure and is not a neighbour of theirs, or drifts in a thin cloud
-/// that fills space: flying pixels and lone readings. The points of an edge or of a burr, however thin, have each other.
-std::vector<char> outliers(const Points& points, const Neighbourhood& n, double ratio) {
-  const std::size_t points_count = points.size();
+/// An outlier is far from its neighbours by their own measure and is not a neighbour of theirs: flying pixels and lone
+/// readings. The points of an edge or of a burr, however thin, have each other.
+std::vector<char> outliers(const Neighbourhood& n, std::size_t points_count, double ratio) {
   std::vector<char> is_outlier(points_count, 0);
-  const double usual_mm = quantile(n.mean_mm, 0.9);  // scans may be dense in places
   const std::size_t count = static_cast<std::size_t>(n.count);
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, points_count, 4096), [&](const auto& range) {
     std::vector<float> d(count);
@@ -138,10 +121,7 @@ std::vector<char> outliers(const Points& points, const Neighbourhood& n, double 
         mutual += std::find(theirs, theirs + count, static_cast<int>(i)) != theirs + count;
         d[j] = n.mean_mm[static_cast<std::size_t>(other)];
       }
-      if (mutual >= kMutualMin) {
-        is_outlier[i] = n.mean_mm[i] > ratio * usual_mm && is_scatter(points, n, i);
-        continue;
-      }
+      if (mutual >= kMutualMin) continue;
       const double median = quantile(d, 0.5);
       for (float& x : d) x = std::abs(x - static_cast<float>(median));
       const double spread = 1.4826 * quantile(d, 0.5);
@@ -170,7 +150,7 @@ Prepared prepare(const Points& raw, const SensorSpec& sensor, const FuseRecipe& 
   Prepared out;
   Points points = morton_sorted(raw);
   const Neighbourhood n = search(points, std::max(6, recipe.normal_neighbours_count));
-  const std::vector<char> is_outlier = outliers(points, n, recipe.outlier_ratio);
+  const std::vector<char> is_outlier = outliers(n, points.size(), recipe.outlier_ratio);
   const std::size_t count = static_cast<std::size_t>(n.count);
   std::vector<Eigen::Vector3f> normals(points.size(), Eigen::Vector3f::Zero());
   std::vector<float> rms(points.size(), -1);  // off the local plane, only where the neighbourhood is flat

@@ -54,15 +54,15 @@ TEST(Fuse, drops_what_hangs_alone_and_keeps_a_thin_fin) {
   Job job = plate_job(0.005, 0.01);
   auto& points = job.captures[0].points_sensor;
   Random random(2);
-  for (int i = 0; i < 20; ++i)  // flying pixels
-    points.push_back(Vec3(random.uniform(-9, 9), random.uniform(-9, 9), 200 - random.uniform(3, 30)).cast<float>());
+  for (int i = 0; i < 5; ++i)  // flying pixels, each alone
+    points.push_back(Vec3(random.uniform(-9, 9), random.uniform(-9, 9), 200 - 4 - 6 * i).cast<float>());
   for (int i = 0; i < 70; ++i)  // a fin 0.3 .. 1.5 mm high along a line, one and two points wide
     for (int h = 1; h <= 4; ++h) points.push_back(Vec3(0.25 * i - 9 + 0.05, 0.02, 200 - 0.35 * h).cast<float>());
   const auto done = fuse({}, job);
   ASSERT_TRUE(done);
   EXPECT_GE(count_above(done->artefact, 550.25), 270u);
-  EXPECT_LE(count_above(done->artefact, 552.0), 2u);
-  EXPECT_GE(done->artefact.captures[0].outlier_count, 18u);
+  EXPECT_LE(count_above(done->artefact, 552.0), 1u);
+  EXPECT_GE(done->artefact.captures[0].outlier_count, 4u);
   EXPECT_LE(done->artefact.captures[0].outlier_count, 40u);
 }
 
