@@ -177,11 +177,15 @@ struct SensorSpec {
   std::array<double, 2> field_of_view_mm{};            // at the working distance
   double noise_mm = 0;                                 // 1 sd along the ray at the working distance
   Mesh mesh_flange;
+  std::optional<std::array<double, 2>> pixels_count;   // across the field of view
+  std::optional<Vec3> second_ray_mm;                   // projector or second camera, in the sensor's frame: a point is seen when both see it
+  std::optional<double> incidence_max_rad;             // steepest ray against the surface's normal that still gives a point
   template <class S, class A>
   static void visit(S& s, A&& a) {
     a("id", s.id), a("kind", s.kind), a("T_flange_sensor", s.T_flange_sensor), a("covariance", s.covariance);
     a("is_calibrated", s.is_calibrated), a("range", s.range_mm), a("working_distance", s.working_distance_mm);
-    a("field_of_view", s.field_of_view_mm), a("noise", s.noise_mm), a("mesh", s.mesh_flange);
+    a("field_of_view", s.field_of_view_mm), a("noise", s.noise_mm), a("mesh", s.mesh_flange), a("pixels", s.pixels_count);
+    a("second_ray", s.second_ray_mm), a("incidence", s.incidence_max_rad);
   }
 };
 struct Obstacle {

@@ -223,6 +223,8 @@ CellSpec cell_of(Item& item, YamlSource<CellFile>& s) {
     sensor.id = t.id, sensor.kind = t.kind, sensor.T_flange_sensor = t.flange_sensor.pose<frame::Flange, frame::Sensor>();
     sensor.range_mm = t.range_mm, sensor.field_of_view_mm = t.field_of_view_mm, sensor.noise_mm = t.noise_mm;
     sensor.working_distance_mm = t.working_distance_mm.value_or(0.5 * (t.range_mm[0] + t.range_mm[1]));
+    sensor.pixels_count = t.pixels_count, sensor.second_ray_mm = t.second_ray_mm;
+    if (t.incidence_deg) sensor.incidence_max_rad = rad_from_deg(*t.incidence_deg);
     if (s.out.lines.count(at + ".range") && !(t.range_mm[0] < t.range_mm[1]))
       s.out.fault("input.out_of_range", at + ".range",
                   fmt::format("found {:g} to {:g} mm, allowed the nearer distance first", t.range_mm[0], t.range_mm[1]), t.range_mm[0],

@@ -209,7 +209,9 @@ struct SensorText {
   SensorKind kind = SensorKind::snapshot;
   PoseText flange_sensor;
   std::array<double, 2> range_mm{}, field_of_view_mm{};
-  std::optional<double> working_distance_mm;
+  std::optional<double> working_distance_mm, incidence_deg;
+  std::optional<std::array<double, 2>> pixels_count;
+  std::optional<Vec3> second_ray_mm;
   double noise_mm = 0;
   std::optional<std::string> mesh;
   std::optional<LengthUnit> units;
@@ -223,6 +225,12 @@ struct SensorText {
       {.unit = "mm", .min = 0, .max = 1e5, .is_optional = true, .doc = "the middle of range where absent"});
     v("field_of_view", s.field_of_view_mm, {.unit = "mm", .min = 0, .max = 1e5, .doc = "width and height at the working distance"});
     v("noise", s.noise_mm, {.unit = "mm", .min = 1e-5, .max = 100, .doc = "standard deviation along the ray at the working distance"});
+    v("pixels", s.pixels_count,
+      {.min = 2, .max = 1e5, .is_optional = true, .doc = "points across the width and the height; what `asbuilt inspect` counts on"});
+    v("second_ray", s.second_ray_mm,
+      {.unit = "mm", .min = -1e4, .max = 1e4, .is_optional = true, .doc = "the projector or second camera in the sensor's frame: what only one of the two sees gives no point"});
+    v("incidence", s.incidence_deg,
+      {.unit = "degree", .min = 10, .max = 89, .is_optional = true, .doc = "greatest angle of a ray to the surface's normal that still gives points"});
     v("mesh", s.mesh, {.is_optional = true, .form = Form::file, .doc = "the sensor's shape, drawn in flange"});
     v("units", s.units, {.is_optional = true, .doc = "unit of the mesh; mm where absent"});
   }

@@ -158,6 +158,7 @@ CellSpec virtual_cell() {
   wide.id = "wide";
   wide.T_flange_sensor = {Eigen::Quaterniond(Eigen::AngleAxisd(kPi / 2, Vec3::UnitZ())), Vec3(-150, 0, 130)};
   wide.range_mm = {370, 760}, wide.working_distance_mm = 500, wide.field_of_view_mm = {540, 340}, wide.noise_mm = 0.18;
+  wide.pixels_count = {245, 154}, wide.second_ray_mm = Vec3(140, 0, 0), wide.incidence_max_rad = rad_from_deg(68);
   wide.mesh_flange = box_mesh(Vec3(-195, -110, 20), Vec3(-105, 110, 118));
   const double tilt = rad_from_deg(33), focus = 342, z0 = 200;
   SensorSpec detail;
@@ -165,6 +166,7 @@ CellSpec virtual_cell() {
   const Vec3 look(-std::sin(tilt), 0, std::cos(tilt));
   detail.T_flange_sensor = {quat_from_z(look, Vec3::UnitY()), Vec3(0, 0, focus) - z0 * look};
   detail.range_mm = {165, 236}, detail.working_distance_mm = z0, detail.field_of_view_mm = {92, 64}, detail.noise_mm = 0.006;
+  detail.pixels_count = {306, 213}, detail.second_ray_mm = Vec3(90, 0, 0), detail.incidence_max_rad = rad_from_deg(68);
   detail.mesh_flange = box_mesh(Vec3(96, -60, 60), Vec3(180, 60, 158));
   c.sensors = {wide, detail};
   c.obstacles = {{"table", box_mesh(Vec3(750, -450, 500), Vec3(1550, 450, 590))}};
@@ -205,9 +207,10 @@ std::string cell_text(const CellSpec& c) {
   for (const SensorSpec& x : c.sensors)
     t += fmt::format(
         "- id: {0}\n  kind: snapshot\n  flange_sensor: {1}\n  range: [{2}, {3}]\n  working_distance: {4}\n  field_of_view: [{5}, {6}]\n  noise: {7}\n"
-        "  mesh: meshes/{0}.stl\n",
+        "  pixels: [{8}, {9}]\n  second_ray: [{10}, {11}, {12}]\n  incidence: {13}\n  mesh: meshes/{0}.stl\n",
         x.id, pose_text(x.T_flange_sensor), num(x.range_mm[0]), num(x.range_mm[1]), num(x.working_distance_mm), num(x.field_of_view_mm[0]),
-        num(x.field_of_view_mm[1]), num(x.noise_mm));
+        num(x.field_of_view_mm[1]), num(x.noise_mm), num((*x.pixels_count)[0]), num((*x.pixels_count)[1]),
+        num(x.second_ray_mm->x()), num(x.second_ray_mm->y()), num(x.second_ray_mm->z()), num(deg_from_rad(*x.incidence_max_rad)));
   t += "obstacles:\n- mesh: meshes/table.stl\n  base_obstacle: {xyz: [0, 0, 0], quat: [1, 0, 0, 0]}\n";
   return t;
 }
