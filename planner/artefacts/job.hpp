@@ -292,6 +292,73 @@ struct PartSpec {
 };
 
 // ------------------------------------------------------------------ scans
+/// A depth camera as its calibration or its own file gives it. Pixel (0, 0) is the centre of the first pixel.
+struct DepthCamera {
+  double fx_px = 0, fy_px = 0, cx_px = 0, cy_px = 0;
+  int width_px = 0, height_px = 0;
+  std::array<double, 5> distortion_ratio{};        // k1, k2, p1, p2, k3
+  double depth_unit_mm = 1;                        // one count of a depth image
+  template <class S, class A>
+  static void visit(S& s, A&& a) {
+    a("fx", s.fx_px), a("fy", s.fy_px), a("cx", s.cx_px), a("cy", s.cy_px), a("width", s.width_px), a("height", s.height_px);
+    a("distortion", s.distortion_ratio), a("depth_unit", s.depth_unit_mm);
+  }
+};
+struct RobotSample {
+  double t_s = 0;                                 // the log's clock
+  Pose<frame::Base, frame::Flange> T_base_flange; // actual where the log has it
+  template <class S, class A>
+  static void visit(S& s, A&& a) {
+    a("t", s.t_s), a("T_base_flange", s.T_base_flange);
+  }
+};
+/// What a robot log said, in order of time, and what was wrong with it.
+struct RobotTrack {
+  std::vector<RobotSample> samples;
+  double cycle_s = 0;                             // median step of the clock
+  std::vector<std::array<double, 2>> flash_s;     // the flash came on between these two times of the log
+  int repeated_count = 0, late_count = 0, reset_count = 0;
+  template <class S, class A>
+  static void visit(S& s, A&& a) {
+    a("samples", s.samples), a("cycle", s.cycle_s), a("flash", s.flash_s), a("repeated", s.repeated_count), a("late", s.late_count);
+    a("reset", s.reset_count);
+  }
+};
+/// One image or one profile of a stream.
+struct StreamFrame {
+  std::string file, sha256;                       // of a depth image, relative to the batch; empty for a profile
+  double t_s = 0;                                 // middle of the exposure, the sensor's clock
+  double exposure_s = 0;
+  double brightness_ratio = -1;                   // mean grey value 0..1 of the image; negative: not known
+  std::size_t begin = 0, end = 0;                 // a profile's points in Capture::points_sensor
+  template <class S, class A>
+  static void visit(S& s, A&& a) {
+    a("file", s.file), a("sha256", s.sha256), a("t", s.t_s), a("exposure", s.exposure_s), a("brightness", s.brightness_ratio);
+    a("begin", s.begin), a("end", s.end);
+  }
+};
+/// How the clocks of sensor and robot belong together: t_robot = t_sensor + offset.
+struct ClockSpec {
+  bool is_common = true;                          // both were stamped by one clock, but for offset_s
+  double offset_s = 0, sigma_s = 0;               // as stated
+  bool uses_flash = false;
+  template <class S, class A>
+  static void visit(S& s, A&& a) {
+    a("is_common", s.is_common), a("offset", s.offset_s), a("sigma", s.sigma_s), a("uses_flash", s.uses_flash);
+  }
+};
+/// A sensor that measured while the robot moved.
+struct SensorStream {
+  std::optional<DepthCamera> camera;              // none: profiles
+  std::vector<StreamFrame> frames;                // in order of time
+  RobotTrack robot;
+  ClockSpec clock;
+  template <class S, class A>
+  static void visit(S& s, A&& a) {
+    a("camera", s.camera), a("frames", s.frames), a("robot", s.robot), a("clock", s.clock);
+  }
+};
+
 struct Capture {
   std::string name;                               // of the cloud file
   int sensor = -1;                                // index into CellSpec::sensors
@@ -300,10 +367,11 @@ struct Capture {
   std::optional<std::array<double, 6>> q_rad;     // where the file gives joints
   std::vector<Eigen::Vector3f> points_sensor;     // mm, finite points only
   std::size_t dropped_count = 0;                  // points with a NaN or infinite coordinate
+  std::optional<SensorStream> stream;             // of a moving sensor; then T_base_flange and q_rad are not set
   template <class S, class A>
   static void visit(S& s, A&& a) {
     a("name", s.name), a("sensor", s.sensor), a("feature", s.feature), a("T_base_flange", s.T_base_flange), a("q", s.q_rad);
-    a("points", s.points_sensor), a("dropped", s.dropped_count);
+    a("points", s.points_sensor), a("dropped", s.dropped_count), a("stream", s.stream);
   }
 };
 
