@@ -97,22 +97,27 @@ struct Builder {
     return l;
   }
 
-  /// How many pieces a straight cut needs so that its chords stay within the tolerance.
+  /// How many pieces a straight cut needs so that its chords and the turns of the normal stay within the tolerances.
   int seam_steps(const Vec2& from, const Vec2& to, bool is_turned) {
     const auto at = [&](double f) {
       const Vec2 w = from + (to - from) * f;
-      return out.chart.at(out.chart.q(is_turned ? Vec2(-w.y(), w.x()) : w)).p;
+      return out.chart.at(out.chart.q(is_turned ? Vec2(-w.y(), w.x()) : w));
+    };
+    const auto normal = [](const Chart::Jet& j) {
+      const Vec3 n = j.d0.cross(j.d1);
+      return n.norm() > 1e-6 * std::max(j.d0.squaredNorm(), j.d1.squaredNorm()) ? Vec3(n.normalized()) : Vec3(Vec3::Zero());
     };
     int n = 1;
     while (n < 256) {
-      double worst = 0;
-      for (int i = 0; i < n; ++i) {
-        const Vec3 a = at(double(i) / n), b = at((i + 1.0) / n), m = at((i + 0.5) / n);
-        const Vec3 chord = b - a;
-        const double l = chord.norm();
-        worst = std::max(worst, l > 0 ? (m - a).cross(chord).norm() / l : (m - a).norm());
+      bool is_fine = true;
+      for (int i = 0; i < n && is_fine; ++i) {
+        const Chart::Jet a = at(double(i) / n), b = at((i + 1.0) / n), m = at((i + 0.5) / n);
+        const Vec3 chord = b.p - a.p, n_a = normal(a), n_b = normal(b);
+        const double l = chord.norm(), off = l > 0 ? (m.p - a.p).cross(chord).norm() / l : (m.p - a.p).norm();
+        const double turn = n_a.isZero() || n_b.isZero() ? 0 : std::atan2(n_a.cross(n_b).norm(), n_a.dot(n_b));
+        is_fine = off <= tolerance.chord_mm && turn <= tolerance.angle_rad;
       }
-      if (worst <= tolerance.chord_mm) break;
+      if (is_fine) break;
       n *= 2;
     }
     return n;

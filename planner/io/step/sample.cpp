@@ -107,11 +107,54 @@ std::vector<double> sample_curve(const Curve& c, double t0, double t1, const Tol
   return out;
 }
 
+namespace {
+
+/// Parameters added where the normal of a face beside the edge turns by more than the angle between two samples.
+void follow_normals(const Body& body, TopoEdge& e, double angle_rad) {
+  const bool is_line = std::holds_alternative<LineCurve>(e.curve.shape);
+  for (std::size_t use = 0; use < std::min<std::size_t>(e.uses.size(), 2); ++use) {
+    const TopoFace& f = body.faces[static_cast<std::size_t>(e.uses[use].first)];
+    if (f.surface < 0 || (use == 1 && e.uses[0].first == e.uses[1].first)) continue;
+    const Surface& s = body.surfaces[static_cast<std::size_t>(f.surface)];
+    const SurfaceDomain& d = body.domains[static_cast<std::size_t>(f.surface)];
+    if (std::holds_alternative<PlaneSurface>(s.shape)) continue;
+    if (is_line && (std::holds_alternative<CylinderSurface>(s.shape) || std::holds_alternative<ConeSurface>(s.shape))) continue;
+    std::optional<Vec2> seed;
+    const auto normal = [&](double t) -> Vec3 {
+      const Vec3 p = evaluate(e.curve, t).p;
+      SurfaceFoot g = project(s, d, p, seed);
+      if (seed && !has_closed_form_foot(s) && (g.p - p).norm() > 1e-3) g = project(s, d, p);
+      seed = Vec2(g.u, g.v);
+      const SurfaceJet j = evaluate_jet(s, g.u, g.v, 1);
+      const bool is_pole = j.du.cross(j.dv).norm() < 1e-6 * std::max(j.du.squaredNorm(), j.dv.squaredNorm());
+      return is_pole ? Vec3(Vec3::Zero()) : g.n;
+    };
+    for (int round = 0; round < 4 && e.t.size() < 20000; ++round) {
+      std::vector<double> t{e.t[0]};
+      seed.reset();
+      Vec3 a = normal(e.t[0]);
+      for (std::size_t i = 1; i < e.t.size(); ++i) {
+        const Vec3 b = normal(e.t[i]);
+        const double turn = a.isZero() || b.isZero() ? 0 : std::atan2(a.cross(b).norm(), a.dot(b));
+        const int n = std::clamp(static_cast<int>(std::ceil(turn / angle_rad - 1e-3)), 1, 16);
+        for (int k = 1; k < n; ++k) t.push_back(e.t[i - 1] + (e.t[i] - e.t[i - 1]) * k / n);
+        t.push_back(e.t[i]);
+        a = b;
+      }
+      if (t.size() == e.t.size()) break;
+      e.t = std::move(t);
+    }
+  }
+}
+
+}  // namespace
+
 void sample_edges(Body& body, const Tolerance& tol, std::vector<Vec3>& vertices) {
   vertices.clear();
   for (const TopoVertex& v : body.vertices) vertices.push_back(v.p);
   for (TopoEdge& e : body.edges) {
     e.t = sample_curve(e.curve, e.t0, e.t1, tol, e.is_closed ? 4 : 1);
+    follow_normals(body, e, tol.angle_rad);
     if (!e.t_extra.empty()) {
       e.t.insert(e.t.end(), e.t_extra.begin(), e.t_extra.end());
       std::sort(e.t.begin(), e.t.end());

@@ -150,13 +150,21 @@ Result<Done<Brep>> from_triangles(Binder& binder, const Model& model, const std:
   return done;
 }
 
-double diagonal_of(const Body& body) {
+Box3 outline_of(const Body& body) {
   Box3 box;
   for (const TopoVertex& v : body.vertices) box.extend(v.p);
   for (const TopoEdge& e : body.edges)
     if (e.is_closed)
       for (int k = 1; k < 4; ++k) box.extend(evaluate(e.curve, e.t0 + (e.t1 - e.t0) * k / 4).p);
-  return box.diagonal_mm();
+  for (const TopoFace& f : body.faces) {  // whole spheres, tori and the like have no edge to show their size
+    if (f.surface < 0 || std::any_of(f.loops.begin(), f.loops.end(), [](const TopoLoop& l) { return !l.uses.empty(); })) continue;
+    const SurfaceDomain& d = body.domains[static_cast<std::size_t>(f.surface)];
+    if (!(d.u1 - d.u0 < 1e200 && d.v1 - d.v0 < 1e200)) continue;
+    for (int i = 0; i <= 8; ++i)
+      for (int j = 0; j <= 8; ++j)
+        box.extend(evaluate_jet(body.surfaces[static_cast<std::size_t>(f.surface)], d.u0 + (d.u1 - d.u0) * i / 8, d.v0 + (d.v1 - d.v0) * j / 8, 1).p);
+  }
+  return box;
 }
 
 }  // namespace
@@ -202,7 +210,7 @@ Result<Done<Brep>> read_step(std::string_view bytes, const std::string& name, co
     if (it != bodies.end()) continue;
     binder.units = use.units;
     bodies.emplace_back(use.body, read_body(binder, use.body, out.unread));
-    diagonal = std::max(diagonal, diagonal_of(bodies.back().second));
+    diagonal = std::max(diagonal, outline_of(bodies.back().second).diagonal_mm());
   }
   std::size_t faces = 0;
   for (const auto& [id, b] : bodies) faces += b.faces.size();
@@ -257,6 +265,13 @@ Result<Done<Brep>> read_step(std::string_view bytes, const std::string& name, co
   drop_unused_vertices(out.mesh);
   for (const BrepEdge& e : out.edges)
     for (const Vec3& p : e.p) out.box.extend(p);
+  if (!options.want_mesh)  // faces without edges
+    for (const BodyUse& use : model.bodies) {
+      const auto it = std::find_if(bodies.begin(), bodies.end(), [&](const auto& b) { return b.first == use.body; });
+      const Box3 box = outline_of(it->second);
+      for (int k = 0; k < 8 && !box.is_empty(); ++k)
+        out.box.extend(use.T_root_body * Vec3(k & 1 ? box.max_mm.x() : box.min_mm.x(), k & 2 ? box.max_mm.y() : box.min_mm.y(), k & 4 ? box.max_mm.z() : box.min_mm.z()));
+    }
   for (const Vec3& v : out.mesh.vertices) out.box.extend(v);
   out.chord_max_mm = tolerance.chord_mm;
   out.open_edges_count = count_open_edges(out.mesh.triangles);

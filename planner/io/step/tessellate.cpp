@@ -5,6 +5,7 @@
 #include <cmath>
 #include <map>
 #include <unordered_map>
+#include <unordered_set>
 
 #include "planner/io/step/planar_mesh.hpp"
 
@@ -90,7 +91,8 @@ class FaceMesher {
       return false;
     }
     const Step s = curvature_step(chart, {d.u0, d.v0}, {d.u1, d.v1}, tol_);
-    const auto count = [](double span, double step) { return std::clamp(static_cast<int>(std::ceil(span / std::max(step, 1e-300))), 6, 400); };
+    // The middle of a cell is off by what both directions leave, so each takes half.
+    const auto count = [](double span, double step) { return std::clamp(static_cast<int>(std::ceil(1.42 * span / std::max(step, 1e-300))), 6, 1500); };
     const int nu = count(d.u1 - d.u0, s.u), nv = count(d.v1 - d.v0, s.v);
     std::vector<int> id(static_cast<std::size_t>((nu + 1) * (nv + 1)));
     const auto at = [&](int i, int j) -> int& { return id[static_cast<std::size_t>(i * (nv + 1) + j)]; };
@@ -195,10 +197,17 @@ class FaceMesher {
     PlanarMesh::Inside in = planar.inside();
     if (!chart.is_plane) {
       std::size_t budget = std::min<std::size_t>(40000, mesh_.vertices.size() > kVerticesLimit ? 0 : kVerticesLimit - mesh_.vertices.size());
-      for (int round = 0; round < 10; ++round) {
+      for (int round = 0; round < 40; ++round) {
         std::vector<Vec2> more;
         for (std::size_t t = 0; t < in.triangles.size(); ++t) refine(chart, q, id, in.triangles[t], in.is_border[t], more);
         if (more.empty()) break;
+        if (!want_grid && mesh_.vertices.size() < kVerticesLimit) {  // curved one way only, but its border does not lead across it
+          want_grid = true;
+          grid(chart, planar, low, high);
+          extend();
+          in = planar.inside();
+          continue;
+        }
         std::sort(more.begin(), more.end(), [](const Vec2& a, const Vec2& b) { return a.x() != b.x() ? a.x() < b.x() : a.y() < b.y(); });
         more.erase(std::unique(more.begin(), more.end(), [](const Vec2& a, const Vec2& b) { return (a - b).norm() < 1e-9; }), more.end());
         if (more.size() > budget) more.resize(budget);
@@ -314,12 +323,14 @@ class FaceMesher {
     planar.insert(planar.filter_inside(points, 0.45 * step));
   }
 
-  /// Points where the triangle leaves the surface by more than the chord tolerance.
+  /// Points where the triangle leaves the surface by more than the chord tolerance, or the normal turns by more than the angle.
+  /// Sides and centres are looked at; what lies between them is at most a tenth further off.
   void refine(const Chart& chart, const std::vector<Vec2>& q, const std::vector<int>& id, const std::array<int, 3>& t,
               const std::array<bool, 3>& is_border, std::vector<Vec2>& more) {
-    double worst = tol_.chord_mm;
+    const double limit = 0.9 * tol_.chord_mm;
+    double worst = 1;
     Vec2 pick;
-    bool found = false, is_new = false;
+    bool found = false;
     for (int k = 0; k < 3; ++k) {
       const auto a = static_cast<std::size_t>(t[static_cast<std::size_t>(k)]), b = static_cast<std::size_t>(t[static_cast<std::size_t>((k + 1) % 3)]);
       if (is_border[static_cast<std::size_t>(k)] || id[a] == id[b]) continue;
@@ -327,20 +338,32 @@ class FaceMesher {
       const auto [it, first] = checked_.emplace(key, 0.0f);
       if (first) {
         const Vec2 m = 0.5 * (q[a] + q[b]);
-        it->second = static_cast<float>(off(chart, m, 0.5 * (mesh_.vertices[static_cast<std::size_t>(id[a])] + mesh_.vertices[static_cast<std::size_t>(id[b])])));
-        is_new = true;
+        const double far = off(chart, m, 0.5 * (mesh_.vertices[static_cast<std::size_t>(id[a])] + mesh_.vertices[static_cast<std::size_t>(id[b])])) / limit;
+        it->second = static_cast<float>(std::max(far, turn(chart, q, a, b) / tol_.angle_rad));
       }
       if (it->second > worst) worst = it->second, pick = 0.5 * (q[a] + q[b]), found = true;
     }
-    if (!found && is_new) {  // a triangle that was here before has no new side
-      const auto a = static_cast<std::size_t>(t[0]), b = static_cast<std::size_t>(t[1]), c = static_cast<std::size_t>(t[2]);
+    const auto a = static_cast<std::size_t>(t[0]), b = static_cast<std::size_t>(t[1]), c = static_cast<std::size_t>(t[2]);
+    if (!found && good_.insert(std::min({a, b, c}) * 0x9E3779B97F4A7C15ull ^ std::max({a, b, c}) * 0xC2B2AE3D27D4EB4Full ^ (a + b + c)).second) {
       if (id[a] == id[b] || id[b] == id[c] || id[c] == id[a]) return;
       const Vec2 m = (q[a] + q[b] + q[c]) / 3;
       const Vec3 p = (mesh_.vertices[static_cast<std::size_t>(id[a])] + mesh_.vertices[static_cast<std::size_t>(id[b])] +
                       mesh_.vertices[static_cast<std::size_t>(id[c])]) / 3;
-      if (off(chart, m, p) > 1.3 * tol_.chord_mm) pick = m, found = true;
+      if (off(chart, m, p) > limit) pick = m, found = true;
     }
     if (found) more.push_back(pick);
+  }
+  /// Angle between the normals at two chart points; 0 where one of them has none (a pole).
+  double turn(const Chart& chart, const std::vector<Vec2>& q, std::size_t a, std::size_t b) {
+    if (normals_.size() < q.size()) normals_.resize(q.size(), Vec3::Constant(2));
+    for (std::size_t k : {a, b}) {
+      if (normals_[k].x() < 2) continue;
+      const Chart::Jet j = chart.at(q[k]);
+      const Vec3 n = j.d0.cross(j.d1);
+      const double l = n.norm();
+      normals_[k] = l > 1e-6 * std::max(j.d0.squaredNorm(), j.d1.squaredNorm()) ? Vec3(n / l) : Vec3::Zero();
+    }
+    return std::atan2(normals_[a].cross(normals_[b]).norm(), normals_[a].dot(normals_[b]) + (normals_[a].isZero() || normals_[b].isZero() ? 1 : 0));
   }
   double off(const Chart& chart, const Vec2& m, const Vec3& p) const {
     const Chart::Jet j = chart.at(m);
@@ -355,7 +378,9 @@ class FaceMesher {
   BodyMesh& mesh_;
   double area_ = 0, volume_ = 0;
   int wanted_count_ = 0;
-  std::unordered_map<std::uint64_t, float> checked_;  // side -> distance of its middle from the surface
+  std::unordered_map<std::uint64_t, float> checked_;  // side -> what it exceeds the tolerances by
+  std::unordered_set<std::uint64_t> good_;            // triangles whose centre has been looked at
+  std::vector<Vec3> normals_;                         // of chart points; 2, 2, 2: not yet known
 
  public:
   int crossings_ = 0;
