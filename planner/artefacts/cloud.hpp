@@ -12,13 +12,14 @@
 
 namespace asbuilt {
 
-/// One capture of a cloud. Its points are [begin, end) of the cloud's arrays.
+/// One capture of a cloud, or what a stream saw from about one place. Its points are [begin, end) of the cloud's arrays.
 struct CloudCapture {
   std::string name;
   int sensor = -1;                       // index into CellSpec::sensors
   std::optional<std::string> feature;
   Pose<frame::Base, frame::Flange> T_base_flange;  // as commanded
   Pose<frame::Base, frame::Sensor> T_base_sensor;  // commanded flange times calibrated sensor
+  std::optional<std::array<double, 6>> q_rad;      // the joints, where the capture names them
   Mat6 covariance_sensor = Mat6::Zero(); // of the hand-eye, child frame (sensor): common to all captures of one sensor
   double noise_mm = 0;                   // 1 sd of a point along its ray, measured from the data where it exceeds the sheet
   double spacing_mm = 0;                 // median distance to the nearest neighbour
@@ -27,7 +28,7 @@ struct CloudCapture {
   template <class S, class A>
   static void visit(S& s, A&& a) {
     a("name", s.name), a("sensor", s.sensor), a("feature", s.feature), a("T_base_flange", s.T_base_flange);
-    a("T_base_sensor", s.T_base_sensor), a("covariance_sensor", s.covariance_sensor), a("noise", s.noise_mm);
+    a("T_base_sensor", s.T_base_sensor), a("q", s.q_rad), a("covariance_sensor", s.covariance_sensor), a("noise", s.noise_mm);
     a("spacing", s.spacing_mm), a("begin", s.begin), a("end", s.end), a("dropped", s.dropped_count), a("outliers", s.outlier_count);
   }
 };
@@ -56,7 +57,7 @@ struct StreamSummary {
 };
 
 struct MeasuredCloud {
-  std::vector<CloudCapture> captures;      // in file order
+  std::vector<CloudCapture> captures;      // in file order, the views of a stream one after the other
   std::vector<Vec3> p_base;                // mm; raw points that passed the outlier test (edges and burrs are kept)
   std::vector<Eigen::Vector3f> n_base;     // unit, towards the sensor; zero where no normal could be estimated
   std::vector<float> sigma_mm;             // 1 sd along the ray

@@ -306,10 +306,11 @@ struct DepthCamera {
 };
 struct RobotSample {
   double t_s = 0;                                 // the log's clock
-  Pose<frame::Base, frame::Flange> T_base_flange; // actual where the log has it
+  Pose<frame::Base, frame::Flange> T_base_flange; // actual
+  std::vector<double> q_rad;                      // six, or none where the log has no joints
   template <class S, class A>
   static void visit(S& s, A&& a) {
-    a("t", s.t_s), a("T_base_flange", s.T_base_flange);
+    a("t", s.t_s), a("T_base_flange", s.T_base_flange), a("q", s.q_rad);
   }
 };
 /// What a robot log said, in order of time, and what was wrong with it.
@@ -367,7 +368,7 @@ struct Capture {
   std::optional<std::array<double, 6>> q_rad;     // where the file gives joints
   std::vector<Eigen::Vector3f> points_sensor;     // mm, finite points only
   std::size_t dropped_count = 0;                  // points with a NaN or infinite coordinate
-  std::optional<SensorStream> stream;             // of a moving sensor; then T_base_flange and q_rad are not set
+  std::optional<SensorStream> stream;             // of a moving sensor; T_base_flange is then the middle of its log
   template <class S, class A>
   static void visit(S& s, A&& a) {
     a("name", s.name), a("sensor", s.sensor), a("feature", s.feature), a("T_base_flange", s.T_base_flange), a("q", s.q_rad);

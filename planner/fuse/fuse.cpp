@@ -254,7 +254,7 @@ Result<Done<MeasuredCloud>> fuse(const FuseRecipe& recipe, const Job& job) {
     const Capture& c = job.captures[k];
     const SensorSpec& sensor = job.cell.sensors[static_cast<std::size_t>(c.sensor)];
     CloudCapture out;
-    out.name = c.name, out.sensor = c.sensor, out.feature = c.feature, out.T_base_flange = c.T_base_flange;
+    out.name = c.name, out.sensor = c.sensor, out.feature = c.feature, out.T_base_flange = c.T_base_flange, out.q_rad = c.q_rad;
     out.T_base_sensor = c.T_base_flange * sensor.T_flange_sensor;
     out.covariance_sensor = sensor.covariance;
     out.noise_mm = prepared[k].noise_mm, out.spacing_mm = prepared[k].spacing_mm;

@@ -85,9 +85,9 @@ class Builder {
       Eigen::MatrixXd m = Eigen::MatrixXd::Zero(6, prior_.size);
       const Mat6 flange = adjoint_about(prior_.center_base, c.T_base_flange.rotation(), c.T_base_flange.p_mm);
       std::optional<JointVector> q;
-      if (k < job_.captures.size() && job_.captures[k].q_rad) {
+      if (c.q_rad) {
         q = JointVector{};
-        for (std::size_t i = 0; i < 6; ++i) (*q)[i] = (*job_.captures[k].q_rad)[i];
+        for (std::size_t i = 0; i < 6; ++i) (*q)[i] = (*c.q_rad)[i];
       } else {
         JointVector home{};
         for (std::size_t i = 0; i < 6; ++i) home[i] = job_.cell.robot.home_rad[i];
