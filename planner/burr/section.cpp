@@ -18,6 +18,7 @@ namespace {
 struct FaceFrame {
   bool is_plane = true;
   const Surface* surface = nullptr;
+  SurfaceDomain domain;
   double outward = 1;
   std::vector<Vec2> uv;         // of the station's foot, from which other feet are sought
   std::vector<double> lift;     // of the station over the fitted surface
@@ -29,9 +30,10 @@ FaceFrame frame_of(const SurfaceFit& fit, const std::vector<Vec3>& stations) {
   out.is_plane = std::holds_alternative<PlaneSurface>(fit.surface_part.shape);
   if (out.is_plane) return out;
   out.surface = &fit.surface_part;
+  out.domain = asbuilt::domain(*out.surface);
   out.outward = fit.same_sense ? 1 : -1;
   for (const Vec3& p : stations) {
-    const SurfaceFoot foot = project(*out.surface, p, out.uv.empty() ? std::optional<Vec2>() : std::optional<Vec2>(out.uv.back()));
+    const SurfaceFoot foot = project(*out.surface, out.domain, p, out.uv.empty() ? std::optional<Vec2>() : std::optional<Vec2>(out.uv.back()));
     out.uv.emplace_back(foot.u, foot.v);
     out.lift.push_back(out.outward * foot.signed_distance_mm);
     out.n_surface.push_back(out.outward * foot.n);
@@ -41,7 +43,7 @@ FaceFrame frame_of(const SurfaceFit& fit, const std::vector<Vec3>& stations) {
 
 double height_over(const FaceFrame& frame, const Vec3& p, const Vec3& v, const Vec3& n, std::size_t i, double t) {
   if (frame.is_plane) return v.dot(n);
-  const SurfaceFoot foot = project(*frame.surface, p, frame.uv[i]);
+  const SurfaceFoot foot = project(*frame.surface, frame.domain, p, frame.uv[i]);
   const double lift = (1 - t) * frame.lift[i] + t * frame.lift[i + 1];
   const Vec3 n_surface = ((1 - t) * frame.n_surface[i] + t * frame.n_surface[i + 1]).normalized();
   return frame.outward * foot.signed_distance_mm - lift + v.dot(n - n_surface);

@@ -1,12 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "planner/fit/face_model.hpp"
 
-#include <tbb/concurrent_unordered_map.h>
-
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
 
 namespace asbuilt::fitting {
 
@@ -19,31 +16,11 @@ double matern52(double r_over_l) {
 
 }  // namespace
 
-struct FootSeeds::Impl {
-  Surface nominal;
-  tbb::concurrent_unordered_map<std::int64_t, Vec2> table;
-};
-
-FootSeeds::FootSeeds(Surface nominal) : impl_(std::make_shared<Impl>()) { impl_->nominal = std::move(nominal); }
-
-Vec2 FootSeeds::at(const Vec3& p) const {
-  constexpr double kCell_mm = 4;
-  const Eigen::Array3d c = (p / kCell_mm).array().floor();
-  const std::int64_t key = (static_cast<std::int64_t>(c.x() + 1048576) << 42) | (static_cast<std::int64_t>(c.y() + 1048576) << 21) |
-                           static_cast<std::int64_t>(c.z() + 1048576);
-  const auto found = impl_->table.find(key);
-  if (found != impl_->table.end()) return found->second;
-  const SurfaceFoot foot = project(impl_->nominal, (c + 0.5).matrix() * kCell_mm);
-  const Vec2 uv(foot.u, foot.v);
-  impl_->table.insert({key, uv});
-  return uv;
-}
-
 double surface_distance(const FaceModel& face, const Vec3& p, Vec3& n) {
-  if (!face.seeds) return signed_distance(face.surface, p, n);
-  const SurfaceFoot foot = project(face.surface, p, face.seeds->at(p));
-  n = foot.n;
-  return foot.signed_distance_mm;
+  return face.seeds ? face.seeds->distance(face.surface, p, n) : signed_distance(face.surface, p, n);
+}
+double nominal_distance(const FaceModel& face, const Vec3& p, Vec3& n) {
+  return face.seeds ? face.seeds->distance(face.nominal, p, n) : signed_distance(face.nominal, p, n);
 }
 
 OffsetField make_field(const std::vector<Vec3>& points, double amplitude_mm, double length_mm, int count_max) {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "planner/fit/surface_model.hpp"
+#include "planner/geom/foot_seeds.hpp"
 
 namespace asbuilt::fitting {
 
@@ -16,18 +17,6 @@ struct OffsetField {
   std::vector<Vec3> inducing;                  // surface points
   Eigen::MatrixXd whitening;                   // inverse Cholesky factor of the kernel among them
   int size() const { return static_cast<int>(inducing.size()); }
-};
-
-/// Where on a free-form surface to start looking for a foot: found once per 4 mm cell, on the drawing's surface, so that the
-/// answer does not depend on who asks first. May be used from several threads.
-class FootSeeds {
- public:
-  explicit FootSeeds(Surface nominal);
-  Vec2 at(const Vec3& p) const;
-
- private:
-  struct Impl;
-  std::shared_ptr<Impl> impl_;
 };
 
 struct FaceModel {
@@ -55,6 +44,8 @@ double field_rest_variance(const OffsetField& field, const Eigen::VectorXd& basi
 
 /// Signed distance from the moved surface, without the field.
 double surface_distance(const FaceModel& face, const Vec3& p, Vec3& n);
+/// The same for the face as drawn.
+double nominal_distance(const FaceModel& face, const Vec3& p, Vec3& n);
 /// Signed distance from the face with its field, along the natural normal; n: natural normal of the moved surface at the foot.
 double face_distance(const FaceModel& face, const Vec3& p, Vec3& n);
 /// The natural normal including the slope of the field.

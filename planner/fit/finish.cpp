@@ -38,7 +38,7 @@ SurfaceFit describe(const FaceModel& face, const Brep& brep) {
   // What a person compares is the patch, not the axis: its shift along the normal and its tilt.
   Vec3 n, n_nominal;
   const double d = -surface_distance(face, face.center, n);
-  signed_distance(face.nominal, face.center, n_nominal);
+  nominal_distance(face, face.center, n_nominal);
   out.fitted["shift"] = d * face.outward();
   out.fitted["tilt"] = deg_from_rad(std::atan2(n.cross(n_nominal).norm(), n.dot(n_nominal)));
   out.nominal["shift"] = 0, out.nominal["tilt"] = 0;

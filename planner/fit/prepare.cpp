@@ -19,12 +19,12 @@ void add_prior_points(const EdgeModel& edge, FaceModel& face, const FaceModel& o
   for (const double u : {0.1, 0.5, 0.9}) {
     const std::size_t i = static_cast<std::size_t>(std::lround(u * static_cast<double>(count - 1)));
     Vec3 n, n_other;
-    signed_distance(face.nominal, edge.nominal[i], n), signed_distance(other.nominal, edge.nominal[i], n_other);
+    nominal_distance(face, edge.nominal[i], n), nominal_distance(other, edge.nominal[i], n_other);
     Vec3 into = n.cross(edge.tangent[i]).normalized();
     if ((into.dot(n_other) * other.outward() > 0) == edge.is_convex) into = -into;
     for (const double depth : {1.0, 5.0, 9.0}) {
       Vec3 q = edge.nominal[i] + into * depth;
-      const double d = signed_distance(face.nominal, q, n);
+      const double d = nominal_distance(face, q, n);
       q -= d * n;
       face.prior_points.push_back(q);
     }
@@ -131,7 +131,7 @@ Result<Setup> prepare(const FitRecipe& recipe, const Job& job, const MeasuredClo
   for (FaceModel& f : out.faces) {
     for (const Vec3& q : f.prior_points) f.center += q / static_cast<double>(f.prior_points.size());
     Vec3 n;
-    f.center -= signed_distance(f.nominal, f.center, n) * n;
+    f.center -= nominal_distance(f, f.center, n) * n;
     f.coefficients.resize(0);
   }
 

@@ -43,7 +43,8 @@ std::optional<CadFoot> CadModel::foot(const Vec3& p_part, double reach_mm) const
         out.distance_mm = sign * exact.signed_distance_mm, out.n_part = sign * exact.n;
     } else if (face.fault.empty() && face.surface.shape.index() != 9) {
       // Along the triangle's normal from a foot on a chord: one step of Newton's method from there is enough.
-      const SurfaceFoot exact = project(face.surface, p_part);
+      const auto& feet = this->feet[static_cast<std::size_t>(out.face)];
+      const SurfaceFoot exact = feet ? feet->foot(p_part) : project(face.surface, p_part);
       const double sign = face.same_sense ? 1.0 : -1.0;
       if ((exact.p - hit->p_mm).norm() < 1.0 && sign * exact.n.dot(hit->n) > 0.8)
         out.distance_mm = sign * exact.signed_distance_mm, out.n_part = sign * exact.n;
@@ -62,6 +63,9 @@ CadModel make_cad_model(const PartSpec& part, double margin_mm) {
   cad.grid = DistanceGrid(brep.mesh, std::clamp(cad.size_mm / 150, 0.5, 4.0), margin_mm);
   cad.query = MeshQuery(brep.mesh);
   cad.sharp_edges = PointGrid(sharp_edge_points(brep), 4.0);
+
+  for (const BrepFace& face : brep.faces)
+    cad.feet.push_back(face.fault.empty() && !is_closed_form(face.surface) && face.surface.shape.index() != 9 ? std::make_shared<FootSeeds>(face.surface) : nullptr);
 
   double area = 0;
   std::vector<double> sums;

@@ -8,6 +8,7 @@
 
 #include "planner/artefacts/job.hpp"
 #include "planner/geom/distance_grid.hpp"
+#include "planner/geom/foot_seeds.hpp"
 #include "planner/geom/mesh_query.hpp"
 #include "planner/geom/point_grid.hpp"
 
@@ -35,6 +36,8 @@ struct CadModel {
   double size_mm = 0;              // diagonal
   std::vector<Vec3> face_centers;  // mean of the face's samples (of its triangles where it has none)
   std::vector<double> face_radii_mm;
+
+  std::vector<std::shared_ptr<const FootSeeds>> feet;  // by face; none where feet have a closed form
 
   /// Signed distance to the exact surface of the nearest face within reach; none beyond it.
   std::optional<CadFoot> foot(const Vec3& p_part, double reach_mm) const;

@@ -22,7 +22,7 @@ Result<Done<Scenario>> load_scenario(const std::filesystem::path& file) {
     return refuse_all(faults);
   }
   if (!root.IsMap()) {
-    fault(1, "", "found no mapping; allowed: asbuilt, part, seed, turn, tilt, trap, item");
+    fault(1, "", "found no mapping; allowed: asbuilt, part, seed, turn, tilt, trap, size, light, item");
     return refuse_all(faults);
   }
   if (!root["asbuilt"] || root["asbuilt"].as<std::string>("") != "scenario/1") fault(1, "asbuilt", "found something else; allowed: scenario/1");
@@ -41,10 +41,14 @@ Result<Done<Scenario>> load_scenario(const std::filesystem::path& file) {
         s.tilt_rad = kv.second.as<double>() * 0.017453292519943295;
       } else if (key == "trap") {
         s.trap = kv.second.as<std::string>();
+      } else if (key == "size") {
+        s.trap_size = kv.second.as<double>();
+      } else if (key == "light") {
+        s.is_light = kv.second.as<bool>();
       } else if (key == "item") {
         s.item_id = kv.second.as<std::string>();
       } else {
-        fault(line, key, "unknown key; allowed: asbuilt, part, seed, turn, tilt, trap, item");
+        fault(line, key, "unknown key; allowed: asbuilt, part, seed, turn, tilt, trap, size, light, item");
       }
     } catch (const YAML::Exception&) {
       fault(line, key, "found a value of another type");

@@ -13,11 +13,13 @@
 namespace asbuilt {
 
 struct Scenario {
-  std::string part = "ring";       // ring | bracket
+  std::string part = "ring";       // ring | bracket | casting | freeform
   std::uint64_t seed = 1;
   double turn_rad = -1;            // of the ring about its axis; negative: random
   double tilt_rad = -1;            // negative: random within the fixture's play
   std::string trap;                // "", or the fault to build in (see docs/formats.md)
+  double trap_size = 1;            // of a fault that has a size: 1 is gross
+  bool is_light = false;           // fewer pixels
   std::string item_id;             // "": part and seed
 };
 

@@ -6,7 +6,10 @@
 #include <fstream>
 #include <sstream>
 
+#include "planner/io/step/step_reader.hpp"
 #include "planner/simulate/files.hpp"
+#include "planner/geom/mesh_query.hpp"
+#include "planner/simulate/part_model.hpp"
 #include "planner/simulate/simulate.hpp"
 #include "planner/simulate/solid.hpp"
 #include "planner/simulate/true_robot.hpp"
@@ -40,6 +43,59 @@ TEST(Solid, worked_edges_lie_on_both_faces_and_drawn_and_made_match) {
       EXPECT_LT(nearest, 1.0);
       EXPECT_GT(nearest, 1e-4);  // as made is not as drawn
       for (std::size_t k = 0; k < b[i].p.size(); ++k) EXPECT_NEAR(b[i].n_1[k].dot(b[i].n_2[k]), 0, 0.02);
+    }
+  }
+}
+
+/// Of every part that is not prismatic: the truth lies on what is scanned, and what is made is not what is drawn.
+TEST(PartModel, made_edges_lie_on_the_made_mesh_and_follow_the_drawn_ones) {
+  for (const char* kind : {"casting", "freeform"}) {
+    const PartModel part = make_part(kind, 7);
+    ASSERT_EQ(part.drawn_edges.size(), part.made_edges.size());
+    ASSERT_GE(part.made_edges.size(), 4u);
+    const MeshQuery made(part.made), drawn(part.drawn);
+    double farthest = 0;
+    for (std::size_t e = 0; e < part.made_edges.size(); ++e) {
+      const TrueEdge &a = part.drawn_edges[e], &b = part.made_edges[e];
+      for (std::size_t k = 0; k < b.p.size(); k += 5) {
+        EXPECT_LT(made.closest(b.p[k]).distance_mm, 0.004) << kind << " " << b.id << " " << k;
+        farthest = std::max(farthest, drawn.closest(b.p[k]).distance_mm);
+        EXPECT_GT(b.n_1[k].cross(b.n_2[k]).dot(b.tangent[k]), 0.9);
+        // a step into each face stays on it; a step out along the bisector leaves the material
+        const Vec3 into_1 = b.n_1[k].cross(b.tangent[k]);
+        EXPECT_LT(made.closest(b.p[k] + 0.5 * into_1).distance_mm, 0.02) << kind << " " << b.id << " " << k;
+      }
+      EXPECT_NEAR(a.s_mm.back(), b.s_mm.back(), 2.0);
+    }
+    EXPECT_GT(farthest, 0.02);
+    EXPECT_LT(farthest, 2.5);
+    const PartModel again = make_part(kind, 7), other = make_part(kind, 8);
+    EXPECT_EQ(part.made_edges[0].p[3], again.made_edges[0].p[3]);
+    EXPECT_NE(part.made_edges[0].p[3], other.made_edges[0].p[3]);
+    EXPECT_EQ(part.step, other.step);  // the drawing does not depend on the seed
+  }
+}
+
+TEST(PartModel, its_drawing_is_read_as_one_closed_solid_whose_worked_edges_are_sharp) {
+  for (const char* kind : {"casting", "freeform"}) {
+    const PartModel part = make_part(kind, 7);
+    const auto read = read_step(part.step, kind, {});
+    ASSERT_TRUE(read.has_value()) << kind;
+    const Brep& brep = read->artefact;
+    EXPECT_EQ(brep.solids_count, 1);
+    EXPECT_EQ(brep.open_edges_count, 0);
+    EXPECT_TRUE(brep.unread.empty());
+    for (const TrueEdge& e : part.drawn_edges) {
+      const Vec3 m = e.p[e.p.size() / 2];
+      const BrepEdge* nearest = nullptr;
+      double best = 1e300;
+      for (const BrepEdge& b : brep.edges)
+        for (const Vec3& p : b.p)
+          if ((p - m).norm() < best) best = (p - m).norm(), nearest = &b;
+      ASSERT_NE(nearest, nullptr);
+      EXPECT_LT(best, 0.6);
+      EXPECT_EQ(nearest->kind, EdgeKind::sharp_convex) << kind << " " << e.id;
+      EXPECT_NEAR(nearest->length_mm, e.s_mm.back(), 0.02);
     }
   }
 }
