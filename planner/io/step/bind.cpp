@@ -147,6 +147,31 @@ Placement Binder::placement(std::int64_t id) const {
   return p;
 }
 
+Eigen::Affine3d Binder::transformation(std::int64_t id) const {
+  const Instance& i = instance(id);
+  // (name, [name, description,] axis1, axis2, local_origin, scale, axis3); the parts of a complex instance stand apart.
+  Eigen::Affine3d T = Eigen::Affine3d::Identity();
+  const Args own = args(i, K_CARTESIAN_TRANSFORMATION_OPERATOR_3D);
+  const Args base = i.record_count > 1 ? args(i, K_CARTESIAN_TRANSFORMATION_OPERATOR) : own;
+  if (base.size() < 4) fail(i, "a transformation is expected here");
+  std::uint32_t o = 0;
+  while (o < base.size() && base.at(o)->kind == Kind::string) ++o;
+  const auto dir = [&](const Value* v, const Vec3& standard) { return v && v->kind == Kind::reference ? direction(v->integer) : standard; };
+  const Vec3 z = dir(i.record_count > 1 ? own.at(0) : base.at(o + 4), Vec3::UnitZ());
+  Vec3 x = dir(base.at(o), Vec3::UnitX());
+  x -= z * z.dot(x);
+  if (x.norm() < 1e-9) x = std::abs(z.x()) < 0.9 ? Vec3(Vec3::UnitX() - z * z.x()) : Vec3(Vec3::UnitY() - z * z.y());
+  x.normalize();
+  Vec3 y = z.cross(x);
+  if (y.dot(dir(base.at(o + 1), y)) < 0) y = -y;
+  double scale = 1;
+  if (base.at(o + 3) && (base.at(o + 3)->kind == Kind::real || base.at(o + 3)->kind == Kind::integer)) scale = real(i, base.at(o + 3));
+  if (!(scale > 1e-6 && scale < 1e6)) fail(i, "a scale outside 1e-6 to 1e6");
+  T.linear().col(0) = scale * x, T.linear().col(1) = scale * y, T.linear().col(2) = scale * z;
+  T.translation() = point(reference(i, base.at(o + 2)));
+  return T;
+}
+
 std::vector<double> Binder::knots(const Instance& i, const Value* multiplicities, const Value* values, int degree,
                                   std::size_t poles) const {
   const Args m = list(i, multiplicities), k = list(i, values);
@@ -167,8 +192,6 @@ std::vector<double> Binder::knots(const Instance& i, const Value* multiplicities
   return out;
 }
 
-namespace {
-
 /// Knots of BEZIER, UNIFORM, QUASI_UNIFORM curves by the rule of ISO 10303-42.
 std::vector<double> default_knots(std::uint32_t kind, int degree, int poles) {
   std::vector<double> k;
@@ -186,216 +209,6 @@ std::vector<double> default_knots(std::uint32_t kind, int degree, int poles) {
     for (int j = 0; j <= degree; ++j) k.push_back(poles - degree);
   }
   return k;
-}
-
-}  // namespace
-
-Curve Binder::bspline_curve(const Instance& i) const {
-  const bool is_complex = i.record_count > 1;
-  const Args simple = args(i);
-  // Simple: (name, degree, poles, form, closed, self, [multiplicities, knots, spec]); complex parts drop the name.
-  const Args base = is_complex ? args(i, K_B_SPLINE_CURVE) : simple;
-  const std::uint32_t o = is_complex ? 0 : 1;
-  if (base.size() < o + 2) fail(i, "a B-spline curve without degree and poles");
-  BSplineCurve c;
-  const std::int64_t degree = integer(i, base.at(o));
-  if (degree < 1 || degree > 25) fail(i, "a degree outside 1 to 25");
-  c.degree = static_cast<int>(degree);
-  for (std::int64_t p : references(i, base.at(o + 1))) c.poles.push_back(point(p));
-  if (c.poles.size() < static_cast<std::size_t>(degree) + 1) fail(i, "fewer poles than degree + 1");
-  const Args with = is_complex ? args(i, K_B_SPLINE_CURVE_WITH_KNOTS) : (key(i) == K_B_SPLINE_CURVE_WITH_KNOTS ? simple : Args());
-  if (with.size()) {
-    const std::uint32_t w = is_complex ? 0 : 6;
-    c.knots = knots(i, with.at(w), with.at(w + 1), c.degree, c.poles.size());
-  } else {
-    std::uint32_t kind = key(i);
-    for (std::uint32_t k : {K_BEZIER_CURVE, K_UNIFORM_CURVE, K_QUASI_UNIFORM_CURVE})
-      if (has(i, k)) kind = k;
-    c.knots = default_knots(kind, c.degree, static_cast<int>(c.poles.size()));
-    if (c.knots.size() != c.poles.size() + static_cast<std::size_t>(c.degree) + 1) fail(i, "poles do not fit the degree");
-  }
-  const Args weights = args(i, K_RATIONAL_B_SPLINE_CURVE);
-  if (weights.size()) {
-    const Args w = list(i, weights.at(0));
-    if (w.size() != c.poles.size()) fail(i, "weights and poles differ in number");
-    bool all_one = true;
-    for (std::uint32_t k = 0; k < w.size(); ++k) {
-      c.weights.push_back(real(i, w.first() + k));
-      if (!(c.weights.back() > 0)) fail(i, "a weight that is not positive");
-      all_one = all_one && std::abs(c.weights.back() - c.weights.front()) < 1e-14;
-    }
-    if (all_one) c.weights.clear();
-  }
-  return {c};
-}
-
-Surface Binder::bspline_surface(const Instance& i) const {
-  const bool is_complex = i.record_count > 1;
-  const Args simple = args(i);
-  const Args base = is_complex ? args(i, K_B_SPLINE_SURFACE) : simple;
-  const std::uint32_t o = is_complex ? 0 : 1;
-  if (base.size() < o + 3) fail(i, "a B-spline surface without degrees and poles");
-  BSplineSurface s;
-  const std::int64_t du = integer(i, base.at(o)), dv = integer(i, base.at(o + 1));
-  if (du < 1 || du > 25 || dv < 1 || dv > 25) fail(i, "a degree outside 1 to 25");
-  s.degree_u = static_cast<int>(du), s.degree_v = static_cast<int>(dv);
-  const Args rows = list(i, base.at(o + 2));
-  const Value* row = rows.first();
-  for (std::uint32_t r = 0; r < rows.size(); ++r, row = next(row)) {
-    const std::vector<std::int64_t> ids = references(i, row);
-    if (r == 0) s.count_v = static_cast<int>(ids.size());
-    if (static_cast<int>(ids.size()) != s.count_v) fail(i, "rows of poles differ in length");
-    for (std::int64_t p : ids) s.poles.push_back(point(p));
-  }
-  s.count_u = static_cast<int>(rows.size());
-  if (s.count_u < s.degree_u + 1 || s.count_v < s.degree_v + 1) fail(i, "fewer poles than degree + 1");
-  const Args with = is_complex ? args(i, K_B_SPLINE_SURFACE_WITH_KNOTS) : (key(i) == K_B_SPLINE_SURFACE_WITH_KNOTS ? simple : Args());
-  if (with.size()) {
-    const std::uint32_t w = is_complex ? 0 : 8;
-    s.knots_u = knots(i, with.at(w), with.at(w + 2), s.degree_u, static_cast<std::size_t>(s.count_u));
-    s.knots_v = knots(i, with.at(w + 1), with.at(w + 3), s.degree_v, static_cast<std::size_t>(s.count_v));
-  } else {
-    std::uint32_t kind = key(i);
-    for (std::uint32_t k : {K_BEZIER_SURFACE, K_UNIFORM_SURFACE, K_QUASI_UNIFORM_SURFACE})
-      if (has(i, k)) kind = k;
-    s.knots_u = default_knots(kind, s.degree_u, s.count_u);
-    s.knots_v = default_knots(kind, s.degree_v, s.count_v);
-    if (s.knots_u.size() != static_cast<std::size_t>(s.count_u + s.degree_u + 1) ||
-        s.knots_v.size() != static_cast<std::size_t>(s.count_v + s.degree_v + 1))
-      fail(i, "poles do not fit the degree");
-  }
-  const Args weights = args(i, K_RATIONAL_B_SPLINE_SURFACE);
-  if (weights.size()) {
-    const Args w = list(i, weights.at(0));
-    const Value* q = w.first();
-    bool all_one = true;
-    for (std::uint32_t r = 0; r < w.size(); ++r, q = next(q)) {
-      const Args line = list(i, q);
-      for (std::uint32_t k = 0; k < line.size(); ++k) {
-        s.weights.push_back(real(i, line.first() + k));
-        if (!(s.weights.back() > 0)) fail(i, "a weight that is not positive");
-        all_one = all_one && std::abs(s.weights.back() - s.weights.front()) < 1e-14;
-      }
-    }
-    if (s.weights.size() != s.poles.size()) fail(i, "weights and poles differ in number");
-    if (all_one) s.weights.clear();
-  }
-  return {s};
-}
-
-Curve Binder::curve(std::int64_t id, bool& is_reversed, int depth) const {
-  const Instance& i = instance(id);
-  if (depth > 16) fail(i, "curves refer to each other in a circle");
-  const Args a = args(i);
-  switch (key(i)) {
-    case K_LINE: {
-      const Instance& v = instance(reference(i, a.at(2)));
-      const Args b = args(v, K_VECTOR);
-      return {LineCurve{point(reference(i, a.at(1))), direction(reference(v, b.at(1)))}};
-    }
-    case K_CIRCLE: {
-      const CircleCurve c{placement(reference(i, a.at(1))), length(i, a.at(2))};
-      if (!(c.radius_mm > 0)) fail(i, "a radius that is not positive");
-      return {c};
-    }
-    case K_ELLIPSE:
-    case K_HYPERBOLA: {
-      const Placement at = placement(reference(i, a.at(1)));
-      const double x = length(i, a.at(2)), y = length(i, a.at(3));
-      if (!(x > 0 && y > 0)) fail(i, "a half axis that is not positive");
-      if (key(i) == K_ELLIPSE) return {EllipseCurve{at, x, y}};
-      return {HyperbolaCurve{at, x, y}};
-    }
-    case K_PARABOLA: {
-      const ParabolaCurve c{placement(reference(i, a.at(1))), length(i, a.at(2))};
-      if (!(std::abs(c.focal_mm) > 0)) fail(i, "a focal distance of zero");
-      return {c};
-    }
-    case K_POLYLINE: {
-      PolylineCurve c;
-      for (std::int64_t p : references(i, a.at(1))) c.points.push_back(point(p));
-      if (c.points.size() < 2) fail(i, "fewer than two points");
-      return {c};
-    }
-    case K_SURFACE_CURVE:
-    case K_SEAM_CURVE:
-    case K_INTERSECTION_CURVE: return curve(reference(i, a.at(1)), is_reversed, depth + 1);
-    case K_TRIMMED_CURVE: {
-      if (!is_true(i, a.at(4))) is_reversed = !is_reversed;
-      return curve(reference(i, a.at(1)), is_reversed, depth + 1);
-    }
-    default: break;
-  }
-  if (has(i, K_B_SPLINE_CURVE) || has(i, K_B_SPLINE_CURVE_WITH_KNOTS) || has(i, K_BEZIER_CURVE) || has(i, K_UNIFORM_CURVE) ||
-      has(i, K_QUASI_UNIFORM_CURVE))
-    return bspline_curve(i);
-  if (has(i, K_SURFACE_CURVE) || has(i, K_SEAM_CURVE)) {  // complex form: SURFACE_CURVE(curve_3d, ..) without the name
-    const Args s = args(i, K_SURFACE_CURVE);
-    if (s.size()) return curve(reference(i, s.at(0)), is_reversed, depth + 1);
-  }
-  fail(i, "a kind of curve that is not known");
-}
-
-Surface Binder::surface(std::int64_t id, bool& is_reversed, int depth) const {
-  const Instance& i = instance(id);
-  if (depth > 16) fail(i, "surfaces refer to each other in a circle");
-  const Args a = args(i);
-  switch (key(i)) {
-    case K_PLANE: return {PlaneSurface{placement(reference(i, a.at(1)))}};
-    case K_CYLINDRICAL_SURFACE: {
-      const CylinderSurface s{placement(reference(i, a.at(1))), length(i, a.at(2))};
-      if (!(s.radius_mm > 0)) fail(i, "a radius that is not positive");
-      return {s};
-    }
-    case K_CONICAL_SURFACE: {
-      ConeSurface s{placement(reference(i, a.at(1))), length(i, a.at(2)), real(i, a.at(3)) * units.angle_rad};
-      if (s.radius_mm < 0 || !(std::abs(s.half_angle_rad) > 1e-9 && std::abs(s.half_angle_rad) < kPi / 2 - 1e-9))
-        fail(i, "a cone needs a radius of at least 0 and a half angle between 0 and 90 degrees");
-      return {s};
-    }
-    case K_SPHERICAL_SURFACE: {
-      const SphereSurface s{placement(reference(i, a.at(1))), length(i, a.at(2))};
-      if (!(s.radius_mm > 0)) fail(i, "a radius that is not positive");
-      return {s};
-    }
-    case K_TOROIDAL_SURFACE:
-    case K_DEGENERATE_TOROIDAL_SURFACE: {
-      TorusSurface s{placement(reference(i, a.at(1))), length(i, a.at(2)), length(i, a.at(3)), false};
-      if (!(s.major_mm >= 0 && s.minor_mm > 0)) fail(i, "a torus radius that is not positive");
-      if (key(i) == K_DEGENERATE_TOROIDAL_SURFACE) s.is_inner_lobe = !is_true(i, a.at(4));
-      return {s};
-    }
-    case K_SURFACE_OF_LINEAR_EXTRUSION: {
-      bool curve_reversed = false;
-      const Instance& v = instance(reference(i, a.at(2)));
-      return {ExtrusionSurface{curve(reference(i, a.at(1)), curve_reversed, depth + 1), direction(reference(v, args(v, K_VECTOR).at(1)))}};
-    }
-    case K_SURFACE_OF_REVOLUTION: {
-      bool curve_reversed = false;
-      RevolutionSurface s;
-      s.profile = curve(reference(i, a.at(1)), curve_reversed, depth + 1);
-      const Placement axis = placement(reference(i, a.at(2)));
-      s.axis_point = axis.origin, s.axis = axis.z;
-      return {s};
-    }
-    case K_OFFSET_SURFACE: {
-      OffsetSurface s;
-      s.basis = std::make_shared<Surface>(surface(reference(i, a.at(1)), is_reversed, depth + 1));
-      s.distance_mm = length(i, a.at(2));
-      return {s};
-    }
-    case K_RECTANGULAR_TRIMMED_SURFACE: {
-      // (name, basis, u1, u2, v1, v2, usense, vsense): the trim is the loop's business, the senses turn the normal.
-      if (is_true(i, a.at(6)) != is_true(i, a.at(7))) is_reversed = !is_reversed;
-      return surface(reference(i, a.at(1)), is_reversed, depth + 1);
-    }
-    case K_CURVE_BOUNDED_SURFACE: return surface(reference(i, a.at(1)), is_reversed, depth + 1);
-    default: break;
-  }
-  if (has(i, K_B_SPLINE_SURFACE) || has(i, K_B_SPLINE_SURFACE_WITH_KNOTS) || has(i, K_BEZIER_SURFACE) || has(i, K_UNIFORM_SURFACE) ||
-      has(i, K_QUASI_UNIFORM_SURFACE))
-    return bspline_surface(i);
-  fail(i, "a kind of surface that is not known");
 }
 
 }  // namespace asbuilt::step

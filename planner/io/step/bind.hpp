@@ -71,6 +71,8 @@ class Binder {
   Vec3 point(std::int64_t id) const;
   Vec3 direction(std::int64_t id) const;
   Placement placement(std::int64_t id) const;
+  /// CARTESIAN_TRANSFORMATION_OPERATOR_3D; may mirror and scale.
+  Eigen::Affine3d transformation(std::int64_t id) const;
   /// `is_reversed` is toggled where a trimmed curve runs against its basis.
   Curve curve(std::int64_t id, bool& is_reversed, int depth = 0) const;
   /// `is_reversed` is toggled where the natural normal is opposite to the one of the file.
@@ -78,11 +80,17 @@ class Binder {
 
  private:
   Curve bspline_curve(const p21::Instance& i) const;
+  BSplineCurve bounded_curve(std::int64_t id, int depth) const;
+  BSplineCurve composite_curve(const p21::Instance& i, int depth) const;
+  std::pair<double, double> trim(const p21::Instance& i, const Curve& basis, double per_unit) const;
   Surface bspline_surface(const p21::Instance& i) const;
   std::vector<double> knots(const p21::Instance& i, const p21::Value* multiplicities, const p21::Value* values, int degree,
                             std::size_t poles) const;
   double length(const p21::Instance& i, const p21::Value* v) const;
   const p21::File& file_;
 };
+
+/// Knots of BEZIER, UNIFORM, QUASI_UNIFORM curves and surfaces by the rule of ISO 10303-42.
+std::vector<double> default_knots(std::uint32_t kind, int degree, int poles);
 
 }  // namespace asbuilt::step

@@ -200,28 +200,7 @@ class ModelReader {
     b_.units = units_of(rep);
     const Instance& i = b_.instance(id);
     Eigen::Affine3d T = Eigen::Affine3d::Identity();
-    if (b_.has(i, K_CARTESIAN_TRANSFORMATION_OPERATOR_3D)) {
-      // (name, [name, description,] axis1, axis2, local_origin, scale, axis3)
-      Args a = b_.args(i, K_CARTESIAN_TRANSFORMATION_OPERATOR_3D);
-      const Args base = a;
-      std::uint32_t o = 1;
-      while (o < a.size() && a.at(o)->kind == Kind::string) ++o;
-      const auto dir = [&](std::uint32_t k, const Vec3& standard) {
-        return base.at(k) && base.at(k)->kind == Kind::reference ? b_.direction(base.at(k)->integer) : standard;
-      };
-      const Vec3 z = dir(o + 4, Vec3::UnitZ());
-      Vec3 x = dir(o, Vec3::UnitX());
-      x = (x - z * z.dot(x)).normalized();
-      Vec3 y = z.cross(x);
-      const Vec3 y_given = dir(o + 1, y);
-      if (y.dot(y_given) < 0) y = -y;
-      double scale = 1;
-      if (base.at(o + 3) && base.at(o + 3)->kind == Kind::real) scale = base.at(o + 3)->real;
-      if (!(scale > 1e-6 && scale < 1e6)) b_.fail(i, "a scale outside 1e-6 to 1e6");
-      T.linear().col(0) = scale * x, T.linear().col(1) = scale * y, T.linear().col(2) = scale * z;
-      T.translation() = b_.point(b_.reference(i, base.at(o + 2)));
-      return T;
-    }
+    if (b_.has(i, K_CARTESIAN_TRANSFORMATION_OPERATOR_3D)) return b_.transformation(id);
     const Placement p = b_.placement(id);
     T.linear().col(0) = p.x, T.linear().col(1) = p.y, T.linear().col(2) = p.z;
     T.translation() = p.origin;

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "planner/io/step/curve_join.hpp"
+
 namespace asbuilt::step {
 
 using namespace p21;
@@ -99,6 +101,7 @@ class BodyReader {
       bool is_reversed = false;
       f.surface = surface(surface_id, is_reversed);
       if (is_reversed) f.same_sense = !f.same_sense;
+      halve_revolution(f);
     } catch (const StepFault& e) {
       f.fault = e.text();
       note(e);
@@ -109,7 +112,11 @@ class BodyReader {
     }
     const int k = static_cast<int>(body_.faces.size());
     for (const TopoLoop& l : f.loops)
-      for (const EdgeUse& u : l.uses) body_.edges[static_cast<std::size_t>(u.edge)].uses.emplace_back(k, u.is_forward);
+      for (const EdgeUse& u : l.uses) {
+        TopoEdge& e = body_.edges[static_cast<std::size_t>(u.edge)];
+        e.uses.emplace_back(k, u.is_forward);
+        if (e.is_chord && f.fault.empty()) f.fault = "its edge #" + std::to_string(e.id) + " could not be read and is replaced by its chord";
+      }
     body_.shells[static_cast<std::size_t>(shell)].faces.push_back(k);
     body_.faces.push_back(std::move(f));
   }
@@ -130,6 +137,25 @@ class BodyReader {
     const int k = static_cast<int>(body_.surfaces.size()) - 1;
     surfaces_.emplace(id, std::pair{k, is_reversed});
     return k;
+  }
+
+  /// A surface turned from a profile that crosses its axis covers itself twice: the face keeps the part of the profile it lies on.
+  void halve_revolution(TopoFace& f) {
+    const auto* r = std::get_if<RevolutionSurface>(&body_.surfaces[static_cast<std::size_t>(f.surface)].shape);
+    if (!r) return;
+    std::vector<Vec3> on_face;
+    for (const TopoLoop& l : f.loops)
+      for (const EdgeUse& u : l.uses) {
+        const TopoEdge& e = body_.edges[static_cast<std::size_t>(u.edge)];
+        for (double x : {0.0, 0.25, 0.5, 0.75}) on_face.push_back(evaluate(e.curve, e.t0 + (e.t1 - e.t0) * x).p);
+      }
+    const auto part = profile_beside_axis(*r, on_face);
+    if (!part) return;
+    RevolutionSurface half = *r;
+    half.profile = *part;
+    body_.surfaces.push_back({std::move(half)});
+    body_.domains.push_back(domain(body_.surfaces.back()));
+    f.surface = static_cast<int>(body_.surfaces.size()) - 1;
   }
 
   TopoLoop loop(std::int64_t id, bool orientation) {
@@ -163,6 +189,10 @@ class BodyReader {
       }
     }
     if (l.uses.empty()) b_.fail(i, "a loop without edges");
+    // Poles and apexes written as edges of no length: the vertex alone says as much.
+    const int vertex_at = body_.edges[static_cast<std::size_t>(l.uses.front().edge)].v0;
+    std::erase_if(l.uses, [&](const EdgeUse& u) { return body_.edges[static_cast<std::size_t>(u.edge)].is_point; });
+    if (l.uses.empty()) l.vertex = vertex_at;
     if (!orientation) reverse(l);
     return l;
   }
@@ -206,7 +236,7 @@ class BodyReader {
   int edge(std::int64_t id) {
     const auto it = edges_.find(id);
     if (it != edges_.end()) {
-      if (it->second < 0) throw StepFault{0, id, "EDGE_CURVE", "could not be read"};
+      if (it->second < 0) throw StepFault{b_.instance(id).line, id, "EDGE_CURVE", "could not be read"};
       return it->second;
     }
     edges_.emplace(id, -1);
@@ -217,8 +247,21 @@ class BodyReader {
     e.id = id, e.line = i.line;
     e.v0 = vertex(b_.reference(i, a.at(1))), e.v1 = vertex(b_.reference(i, a.at(2)));
     bool is_reversed = !b_.is_true(i, a.at(4));
-    e.curve = b_.curve(b_.reference(i, a.at(3)), is_reversed);
-    range(e, is_reversed);
+    try {
+      e.curve = b_.curve(b_.reference(i, a.at(3)), is_reversed);
+      range(e, is_reversed);
+      if (e.is_closed) {
+        e.is_point = true;
+        for (int k = 1; k < 8 && e.is_point; ++k)
+          e.is_point = (evaluate(e.curve, e.t0 + (e.t1 - e.t0) * k / 8).p - body_.vertices[static_cast<std::size_t>(e.v0)].p).norm() < 1e-7;
+      }
+    } catch (const StepFault& f) {  // the rest of its faces still comes in: the chord stands for it, and says so
+      const Vec3 p0 = body_.vertices[static_cast<std::size_t>(e.v0)].p, d = body_.vertices[static_cast<std::size_t>(e.v1)].p - p0;
+      if (!(d.norm() > 0)) throw;
+      note(f);
+      e.curve = {LineCurve{p0, d.normalized()}}, e.t0 = 0, e.t1 = d.norm();
+      e.fault = "replaced by its chord: " + f.text(), e.is_chord = true;
+    }
     body_.edges.push_back(std::move(e));
     const int k = static_cast<int>(body_.edges.size()) - 1;
     edges_[id] = k;

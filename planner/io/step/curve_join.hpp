@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Curves made of other curves: pieces of any kind as rational B-splines, joined end to end; offsets in space.
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "planner/geom/surface.hpp"
+
+namespace asbuilt::step {
+
+/// The curve from t0 to t1 (either direction) as a clamped B-spline over [0, 1]; exact for every kind of curve.
+BSplineCurve as_bspline(const Curve& c, double t0, double t1);
+
+/// Pieces end to end as one curve; each starts where the one before ends (the gap is for the caller to look at). Degrees are raised to
+/// the highest; the knots between pieces have full multiplicity, so kinks stay kinks.
+BSplineCurve joined(const std::vector<BSplineCurve>& pieces);
+
+/// OFFSET_CURVE_3D: p + distance * (direction x tangent) / |direction x tangent|. Lines and circles about the direction stay what
+/// they are; others become cubic pieces within 1e-6 mm. Nothing where the tangent runs along the direction.
+std::optional<Curve> offset_in_space(const Curve& c, double distance_mm, const Vec3& direction);
+
+/// The part of a turned profile between its crossings of the axis that passes nearest to the points (or the first part with both ends on
+/// the axis, when no point says which). Nothing where the profile does not cross its axis.
+std::optional<Curve> profile_beside_axis(const RevolutionSurface& s, const std::vector<Vec3>& points);
+
+}  // namespace asbuilt::step
