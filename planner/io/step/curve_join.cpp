@@ -185,7 +185,9 @@ std::optional<Curve> offset_in_space(const Curve& c, double distance, const Vec3
   return std::nullopt;
 }
 
-std::optional<Curve> profile_beside_axis(const RevolutionSurface& s, const std::vector<Vec3>& points) {
+std::optional<Curve> profile_beside_axis(const RevolutionSurface& s, const std::vector<Vec3>& on_face, const std::vector<Vec3>& on_seam) {
+  std::vector<Vec3> points = on_face;
+  points.insert(points.end(), on_seam.begin(), on_seam.end());
   const auto arm = [&](const Vec3& p) {
     const Vec3 a = p - s.axis_point;
     return Vec3(a - s.axis * s.axis.dot(a));
@@ -209,6 +211,10 @@ std::optional<Curve> profile_beside_axis(const RevolutionSurface& s, const std::
       sum += at - t, far = std::max(far, std::abs(at - t));
     }
     if (!(far > 0)) return std::nullopt;
+    double seam_sum = 0;
+    for (const Vec3& p : on_seam)
+      if (const CurveFoot g = project(s.profile, p); g.distance_mm < 1e-4) seam_sum += g.t - t;
+    if (seam_sum != 0) sum = seam_sum;
     const double end = t + (sum >= 0 ? 2 : -2) * far;
     return Curve{sum >= 0 ? as_bspline(s.profile, t, end) : as_bspline(s.profile, end, t)};
   }
@@ -241,7 +247,13 @@ std::optional<Curve> profile_beside_axis(const RevolutionSurface& s, const std::
     cuts.insert(cuts.begin(), d.t0), cuts.push_back(d.t1);
   }
   std::vector<double> votes(cuts.size() - 1, 0);
-  for (const Vec3& p : points) {  // the parts pass the same points where the profile is symmetric: orientation then tells nothing
+  for (const Vec3& p : on_seam) {
+    const CurveFoot g = project(s.profile, p);
+    if (g.distance_mm > 1e-4 || arm(p).norm() < 1e-6 * size) continue;
+    for (std::size_t k = 0; k < votes.size(); ++k)
+      for (double t : {g.t, g.t + d.period()}) votes[k] += t > cuts[k] && t < cuts[k + 1] ? static_cast<double>(points.size()) : 0;
+  }
+  for (const Vec3& p : points) {
     const double r = arm(p).norm(), h = s.axis.dot(p - s.axis_point);
     if (r < 1e-6 * size) continue;
     double best = 1e300;

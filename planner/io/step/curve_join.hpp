@@ -20,8 +20,8 @@ BSplineCurve joined(const std::vector<BSplineCurve>& pieces);
 /// they are; others become cubic pieces within 1e-6 mm. Nothing where the tangent runs along the direction.
 std::optional<Curve> offset_in_space(const Curve& c, double distance_mm, const Vec3& direction);
 
-/// The part of a turned profile between its crossings of the axis that passes nearest to the points (or the first part with both ends on
-/// the axis, when no point says which). Nothing where the profile does not cross its axis.
-std::optional<Curve> profile_beside_axis(const RevolutionSurface& s, const std::vector<Vec3>& points);
+/// The part of a turned profile between its crossings of the axis whose turn passes the points of a face. Where parts pass them alike the
+/// seam tells, which is the profile itself; without one it is the first part. Nothing where the profile does not cross its axis.
+std::optional<Curve> profile_beside_axis(const RevolutionSurface& s, const std::vector<Vec3>& points, const std::vector<Vec3>& on_seam = {});
 
 }  // namespace asbuilt::step

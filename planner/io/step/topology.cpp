@@ -143,13 +143,14 @@ class BodyReader {
   void halve_revolution(TopoFace& f) {
     const auto* r = std::get_if<RevolutionSurface>(&body_.surfaces[static_cast<std::size_t>(f.surface)].shape);
     if (!r) return;
-    std::vector<Vec3> on_face;
+    std::vector<Vec3> on_face, on_seam;
     for (const TopoLoop& l : f.loops)
       for (const EdgeUse& u : l.uses) {
         const TopoEdge& e = body_.edges[static_cast<std::size_t>(u.edge)];
-        for (double x : {0.0, 0.25, 0.5, 0.75}) on_face.push_back(evaluate(e.curve, e.t0 + (e.t1 - e.t0) * x).p);
+        const bool is_seam = std::count_if(l.uses.begin(), l.uses.end(), [&](const EdgeUse& o) { return o.edge == u.edge; }) > 1;
+        for (double x : {0.0, 0.25, 0.5, 0.75}) (is_seam ? on_seam : on_face).push_back(evaluate(e.curve, e.t0 + (e.t1 - e.t0) * x).p);
       }
-    const auto part = profile_beside_axis(*r, on_face);
+    const auto part = profile_beside_axis(*r, on_face, on_seam);
     if (!part) return;
     RevolutionSurface half = *r;
     half.profile = *part;
