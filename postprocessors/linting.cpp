@@ -165,6 +165,7 @@ struct Walk {
   const std::string& name;
   std::size_t at = 0;
   bool has_tool = false, has_frame = false, has_joint = false, is_spinning = false, has_spun = false, ends_at_joint = false;
+  std::array<bool, 5> is_on{};
   std::optional<Vec3> p_now;
   std::string where() const { return name + ": motion " + std::to_string(at + 1); }
 
@@ -186,12 +187,21 @@ struct Walk {
       if (j.max_rad > j.min_rad && (m.q_rad[i] < j.min_rad - 2e-5 || m.q_rad[i] > j.max_rad + 2e-5))
         f.add("G-03", where(), "joint " + std::to_string(i + 1) + " is outside its limits");
     }
+    if (is_on[static_cast<std::size_t>(Equipment::arc)]) f.add("G-10", where(), "a joint motion with the arc on");
     has_joint = ends_at_joint = true;
     p_now.reset();
     ++at;
   }
   void operator()(const MoveLinear& m) { path(m.T_base_tool, m.speed_mm_s); }
   void operator()(const MoveCircular& m) { path(m.T_base_tool, m.speed_mm_s); }
+  void operator()(const MoveSpline& m) { path(m.T_base_tool, m.speed_mm_s); }
+  void operator()(const OutputOnPath&) {}
+  void operator()(const SwitchOn& s) {
+    if (s.what == Equipment::tool_check) return;
+    if (!has_joint) f.add("G-10", where(), std::string(name_of(s.what)) + " starts before the first motion is commanded");
+    is_on[static_cast<std::size_t>(s.what)] = true;
+  }
+  void operator()(const SwitchOff& s) { is_on[static_cast<std::size_t>(s.what)] = false; }
   void operator()(const SpindleOn&) {
     if (!has_joint) f.add("G-10", where(), "the spindle starts before the first motion is commanded");
     is_spinning = has_spun = true;
@@ -218,6 +228,8 @@ void common_rules(Findings& findings, const ProgramText& text, const PostContext
   Walk w{findings, context, program->name};
   for (const Instruction& i : program->instructions) std::visit(w, i);
   if (w.is_spinning) findings.add("G-05", w.where(), "the spindle is on at the end");
+  for (const Equipment e : {Equipment::coolant, Equipment::arc, Equipment::weave, Equipment::recording})
+    if (w.is_on[static_cast<std::size_t>(e)]) findings.add("G-05", w.where(), std::string(name_of(e)) + " is on at the end");
   if (!w.has_joint) findings.add("G-05", w.where(), "the program holds no joint motion");
   else if (!w.ends_at_joint) findings.add("G-05", w.where(), "the program does not end at a joint target away from the work");
 }

@@ -185,6 +185,23 @@ void Builder::circular(const Line& line, const Pose<frame::Work, frame::Tool>& v
   speed(line, v);
   program.instructions.emplace_back(MoveCircular{T_base_work_ * via, T_base_work_ * end, v, !(blend_mm > 0), blend_mm});
 }
+void Builder::spline(const Line& line, const Pose<frame::Work, frame::Tool>& T, double v) {
+  ready(line, true);
+  speed(line, v);
+  program.instructions.emplace_back(MoveSpline{T_base_work_ * T, v});
+}
+void Builder::output_on_path(const Line& line, int number, bool value, double path_mm) {
+  if (tool_ && tool_->spindle.output == number) fail(line, "read.trigger", "the spindle is switched at a place on the path; that cannot be held", path_mm, 0, "mm");
+  program.instructions.emplace_back(OutputOnPath{number, value, path_mm});
+}
+void Builder::switch_on(const Line& line, Equipment what, int data) {
+  if (data < 0 || data > 255) fail(line, "read.range", "the number of " + std::string(name_of(what)) + " data is not between 0 and 255", data, 255);
+  program.instructions.emplace_back(SwitchOn{what, data});
+}
+void Builder::switch_off(const Line& line, Equipment what, int data) {
+  if (data < 0 || data > 255) fail(line, "read.range", "the number of " + std::string(name_of(what)) + " data is not between 0 and 255", data, 255);
+  program.instructions.emplace_back(SwitchOff{what, data});
+}
 void Builder::digital_output(const Line& line, int number, bool value) {
   if (tool_ && tool_->spindle.output == number) {
     if (!value) return spindle_off();
@@ -227,6 +244,21 @@ void Builder::comment(std::string_view text) {
     return;
   }
   program.instructions.emplace_back(Comment{std::string(text.substr(a, text.find_last_not_of(" \t") + 1 - a))});
+}
+
+std::vector<std::string> words(std::string_view text) {
+  std::vector<std::string> out;
+  std::string word;
+  for (char c : text) {
+    if (c != ' ' && c != '\t') {
+      word += c;
+    } else if (!word.empty()) {
+      out.push_back(std::move(word));
+      word.clear();
+    }
+  }
+  if (!word.empty()) out.push_back(std::move(word));
+  return out;
 }
 
 }  // namespace asbuilt::reading

@@ -74,7 +74,11 @@ class Builder {
   void linear(const Line& line, const Pose<frame::Work, frame::Tool>& T, double speed_mm_s, double blend_mm);
   void circular(const Line& line, const Pose<frame::Work, frame::Tool>& via, const Pose<frame::Work, frame::Tool>& end, double speed_mm_s,
                 double blend_mm);
+  void spline(const Line& line, const Pose<frame::Work, frame::Tool>& T, double speed_mm_s);
   void digital_output(const Line& line, int number, bool value);
+  void output_on_path(const Line& line, int number, bool value, double path_mm);
+  void switch_on(const Line& line, Equipment what, int data);
+  void switch_off(const Line& line, Equipment what, int data);
   void analog_ratio(const Line& line, int number, double ratio);  // of max_rpm
   void spindle_on(const Line& line, double rpm);
   void spindle_off();
@@ -93,6 +97,9 @@ class Builder {
   double rpm_ = 0;
   Pose<frame::Base, frame::Work> T_base_work_;
 };
+
+/// Words of a machine value, between blanks.
+std::vector<std::string> words(std::string_view text);
 
 /// Runs a reader and turns its fault into a refusal.
 template <class F>

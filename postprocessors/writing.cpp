@@ -91,6 +91,12 @@ bool is_finite(const Pose<frame::Base, frame::Tool>& T) {
   return T.q.coeffs().allFinite() && T.p_mm.allFinite() && std::abs(T.q.norm() - 1) < 1e-6 && T.p_mm.cwiseAbs().maxCoeff() < 1e6;
 }
 
+double arc_length(const Vec3& a, const Vec3& via, const Vec3& b) {
+  const Vec3 u = via - a, v = b - via;
+  const double turn = 2 * std::atan2(u.cross(v).norm(), u.dot(v)), chord = (b - a).norm();  // the arc's own angle is twice that between the chords
+  return turn < 1e-9 ? chord : chord / (2 * std::sin(turn / 2)) * turn;
+}
+
 struct Checker {
   const Program& program;
   const PostContext& context;
@@ -99,7 +105,8 @@ struct Checker {
   const ToolSpec* tool = nullptr;
   bool has_frame = false, has_joint_move = false, is_spinning = false;
   std::optional<Vec3> p_now;  // in base; none after a joint move
-  bool was_blended = false;
+  bool was_blended = false, is_in_spline = false;
+  std::array<bool, 5> is_on{};
   std::size_t at = 0;
 
   std::string where() const { return program.name + ": instruction " + std::to_string(at + 1); }
@@ -147,6 +154,7 @@ struct Checker {
     has_joint_move = true;
     p_now.reset();
     was_blended = false;
+    if (is_on[static_cast<std::size_t>(Equipment::arc)]) bad("post.order", "the arc is on in a joint move; switch it off first");
     for (int i = 0; i < 6; ++i) {
       const JointSpec& j = context.cell.robot.joints[i];
       if (!std::isfinite(m.q_rad[i])) {
@@ -199,6 +207,61 @@ struct Checker {
     if (tool && tool->spindle.output == s.output)
       bad("post.output", "output " + std::to_string(s.output) + " switches the spindle; use SpindleOn and SpindleOff", s.output);
   }
+  void operator()(const MoveSpline& m) {
+    ready_to_move(true);
+    if (!is_finite(m.T_base_tool)) bad("post.not_finite", "the target is no finite pose");
+    const bool is_first = !is_in_spline;
+    if (is_first && was_blended) bad("post.spline", "a spline begins at a rounded corner, which it cannot pass; make the move before exact");
+    speed(m.speed_mm_s, 0, true);
+    if (is_first && !p_now) bad("post.spline", "a spline must follow another path motion; move to its start first");
+    if (p_now && (m.T_base_tool.p_mm - *p_now).norm() < 0.01)
+      bad("post.spline", "two points of a spline are the same; leave one out", (m.T_base_tool.p_mm - *p_now).norm(), 0.01, "mm");
+    if (is_first && (at + 1 >= program.instructions.size() || !std::holds_alternative<MoveSpline>(program.instructions[at + 1])))
+      bad("post.spline", "a spline of a single point is a line; write it as one");
+    is_in_spline = true;
+    p_now = m.T_base_tool.p_mm;
+  }
+  void operator()(const OutputOnPath& o) {
+    if (limits.has_outputs && (o.output < 1 || o.output > 4096)) bad("post.output", "digital outputs are numbered from 1 to 4096", o.output, 4096);
+    if (tool && tool->spindle.output == o.output)
+      bad("post.output", "output " + std::to_string(o.output) + " switches the spindle; use SpindleOn and SpindleOff", o.output);
+    if (!limits.has_path_events)
+      bad("post.trigger", "this controller fires outputs at points only; cut the path at that place (the option that shapes a program does it)", o.path_mm, 0, "mm");
+    if (!std::isfinite(o.path_mm) || std::abs(o.path_mm) < 0.001)
+      return bad("post.trigger", "a place on the path is a distance from the start (above 0) or the end (below 0) of the next motion", 0, 0.001, "mm");
+    std::size_t k = at + 1, more = 0;
+    while (k < program.instructions.size() && (std::holds_alternative<OutputOnPath>(program.instructions[k]) || std::holds_alternative<Comment>(program.instructions[k])))
+      more += std::holds_alternative<OutputOnPath>(program.instructions[k++]);
+    if (more >= 8) bad("post.trigger", "more than 8 outputs wait for one motion", static_cast<double>(more + 1), 8, "outputs");
+    const auto* line = k < program.instructions.size() ? std::get_if<MoveLinear>(&program.instructions[k]) : nullptr;
+    const auto* arc = k < program.instructions.size() ? std::get_if<MoveCircular>(&program.instructions[k]) : nullptr;
+    if (!p_now || (!line && !arc)) return bad("post.trigger", "an output on the path must stand right before a straight or circular motion whose start is known");
+    const double length = line ? (line->T_base_tool.p_mm - *p_now).norm() : arc_length(*p_now, arc->T_base_via.p_mm, arc->T_base_tool.p_mm);
+    if (std::abs(o.path_mm) > length)
+      bad("post.trigger", "the place lies beyond the motion it belongs to; put it before the motion on which it lies", std::abs(o.path_mm), length, "mm");
+  }
+  void operator()(const SwitchOn& s) {
+    equipment(s.what, s.data);
+    if (s.what == Equipment::tool_check) {
+      if (was_blended) bad("post.order", "a tool check follows a rounded corner, where the controller cannot stop; make that move exact");
+      return;
+    }
+    auto& on = is_on[static_cast<std::size_t>(s.what)];
+    if (on) bad("post.order", std::string(name_of(s.what)) + " is switched on twice");
+    on = true;
+  }
+  void operator()(const SwitchOff& s) {
+    equipment(s.what, s.data);
+    auto& on = is_on[static_cast<std::size_t>(s.what)];
+    if (!on) bad("post.order", std::string(name_of(s.what)) + " is switched off without being on");
+    on = false;
+  }
+  void equipment(Equipment what, int data) {
+    const bool has_data = what == Equipment::arc || what == Equipment::weave || what == Equipment::tool_check;
+    if (has_data ? data < 1 || data > 255 : data != 0)
+      bad("post.equipment", std::string(name_of(what)) + (has_data ? " needs the number of its data on the controller, 1 to 255" : " takes no number"), data, has_data ? 255 : 0);
+    if (has_data && what == Equipment::tool_check && !find_tool(context, data)) bad("post.tool", "the tool to check is not in the cell", data);
+  }
   void operator()(const Wait& w) {
     if (!std::isfinite(w.time_s) || w.time_s < limits.wait_min_s || w.time_s > limits.wait_max_s)
       bad("post.wait", "the waiting time is outside what the controller takes", std::isfinite(w.time_s) ? w.time_s : 0, limits.wait_max_s, "s");
@@ -222,12 +285,51 @@ Refusals check(const Program& program, const PostContext& context, const Limits&
                           static_cast<double>(n.size()), limits.name_length, "characters"));
   for (const std::string& h : program.header)
     if (!is_ascii_line(h)) c.out.push_back(fault("post.not_ascii", n + ": header", "a header line holds characters outside printable ASCII"));
-  for (c.at = 0; c.at < program.instructions.size(); ++c.at) std::visit(c, program.instructions[c.at]);
+  for (c.at = 0; c.at < program.instructions.size(); ++c.at) {
+    std::visit(c, program.instructions[c.at]);
+    c.is_in_spline = std::holds_alternative<MoveSpline>(program.instructions[c.at]);
+  }
   c.at = program.instructions.empty() ? 0 : program.instructions.size() - 1;
   if (!c.has_joint_move) c.bad("post.order", "the program holds no joint move");
   if (c.is_spinning) c.bad("post.order", "the spindle is still on at the end");
+  for (const Equipment e : {Equipment::coolant, Equipment::arc, Equipment::weave, Equipment::recording})
+    if (c.is_on[static_cast<std::size_t>(e)]) c.bad("post.order", std::string(name_of(e)) + " is still on at the end");
   if (c.was_blended) c.bad("post.order", "the last motion is rounded into nothing; make it exact");
   return std::move(c.out);
+}
+
+std::vector<std::string> words_of(std::string_view text) {
+  std::vector<std::string> out;
+  for (std::size_t i = 0; i < text.size();) {
+    if (text[i] == ' ') {
+      ++i;
+      continue;
+    }
+    std::size_t j = i;
+    while (j < text.size() && text[j] != ' ') ++j;
+    out.emplace_back(text.substr(i, j - i));
+    i = j;
+  }
+  return out;
+}
+
+std::optional<int> whole_number(std::string_view text) {
+  int value = 0;
+  const auto r = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (text.empty() || r.ec != std::errc() || r.ptr != text.data() + text.size()) return std::nullopt;
+  return value;
+}
+
+std::vector<std::pair<Equipment, int>> equipment_of(const Program& program) {
+  std::vector<std::pair<Equipment, int>> out;
+  const auto add = [&](Equipment what, int data) {
+    if (std::find(out.begin(), out.end(), std::pair(what, data)) == out.end()) out.emplace_back(what, data);
+  };
+  for (const Instruction& i : program.instructions) {
+    if (const auto* s = std::get_if<SwitchOn>(&i)) add(s->what, s->data);
+    if (const auto* s = std::get_if<SwitchOff>(&i)) add(s->what, s->data);
+  }
+  return out;
 }
 
 std::vector<std::pair<std::size_t, std::size_t>> split(const Program& program, int weight, int limit) {

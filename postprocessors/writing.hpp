@@ -35,13 +35,14 @@ struct Limits {
   double speed_min_mm_s = 0, speed_max_mm_s = 3000;
   double wait_min_s = 0, wait_max_s = 1e6;
   bool has_outputs = true;
+  bool has_path_events = false;  // outputs at a place on the path
 };
 
 /// Everything about a program that no dialect can print: order, names, numbers, tools, spindle signals.
 ///
 /// Frames    in: base.
 /// Refuses   post.name, post.not_ascii, post.order, post.not_finite, post.speed, post.joint_speed, post.wait, post.tool,
-///           post.spindle, post.output, post.arc, post.missing_value.
+///           post.spindle, post.output, post.arc, post.spline, post.trigger, post.equipment, post.missing_value.
 Refusals check(const Program& program, const PostContext& context, const Limits& limits);
 
 Refusal fault(std::string code, std::string where, std::string message, double measured = 0, double limit = 0, std::string unit = "");
@@ -51,6 +52,13 @@ std::optional<std::string> option(const PostContext& context, const std::string&
 
 /// The whole number in an option; refuses (post.option) what is none or outside [lo, hi].
 Result<int> option_int(const PostContext& context, const std::string& key, int otherwise, int lo, int hi);
+
+/// Words between blanks; a whole number, or nothing.
+std::vector<std::string> words_of(std::string_view text);
+std::optional<int> whole_number(std::string_view text);
+
+/// What the program switches besides the spindle, with the numbers of the data, each once, in order.
+std::vector<std::pair<Equipment, int>> equipment_of(const Program& program);
 
 /// A refusal (post.option) for every key of the controller's block that this dialect does not know; a known key that ends with a
 /// point stands for all that begin with it.

@@ -4,6 +4,7 @@
 
 #include <map>
 #include <string>
+#include <string_view>
 #include <variant>
 #include <vector>
 
@@ -55,6 +56,14 @@ struct MoveCircular {       // through via (a point ON the arc) to the end; belo
     a("T_base_via", s.T_base_via), a("T_base_tool", s.T_base_tool), a("speed", s.speed_mm_s), a("is_exact", s.is_exact), a("blend", s.blend_mm);
   }
 };
+struct MoveSpline {         // one point of a smooth curve; neighbours in the list make one curve, which starts where the tool stands and ends exactly
+  Pose<frame::Base, frame::Tool> T_base_tool;
+  double speed_mm_s = 0;
+  template <class S, class A>
+  static void visit(S& s, A&& a) {
+    a("T_base_tool", s.T_base_tool), a("speed", s.speed_mm_s);
+  }
+};
 struct SpindleOn {
   double rpm = 0;
   template <class S, class A>
@@ -74,6 +83,41 @@ struct SetOutput {
     a("output", s.output), a("value", s.value);
   }
 };
+struct OutputOnPath {  // an output that changes while the tool goes on, on the path motion that follows
+  int output = 0;
+  bool value = false;
+  double path_mm = 0;  // above 0: behind the start of that motion; below 0: before its end; never 0 (that is SetOutput)
+  template <class S, class A>
+  static void visit(S& s, A&& a) {
+    a("output", s.output), a("value", s.value), a("path", s.path_mm);
+  }
+};
+enum class Equipment { coolant, arc, weave, recording, tool_check };  // what else a controller switches; arc and weave by a numbered set of data
+inline std::string_view name_of(Equipment e) {
+  switch (e) {
+    case Equipment::coolant: return "coolant";
+    case Equipment::arc: return "arc";
+    case Equipment::weave: return "weave";
+    case Equipment::recording: return "recording";
+    default: return "tool_check";
+  }
+}
+struct SwitchOn {
+  Equipment what = Equipment::coolant;
+  int data = 0;  // number of the data set on the controller: arc and weave from 1, tool_check the tool's number; 0 for the others
+  template <class S, class A>
+  static void visit(S& s, A&& a) {
+    a("what", s.what), a("data", s.data);
+  }
+};
+struct SwitchOff {  // a tool check ends by itself and is never switched off
+  Equipment what = Equipment::coolant;
+  int data = 0;  // as switched on
+  template <class S, class A>
+  static void visit(S& s, A&& a) {
+    a("what", s.what), a("data", s.data);
+  }
+};
 struct Wait {
   double time_s = 0;
   template <class S, class A>
@@ -88,7 +132,8 @@ struct Comment {
     a("text", s.text);
   }
 };
-using Instruction = std::variant<SetTool, SetFrame, MoveJoint, MoveLinear, MoveCircular, SpindleOn, SpindleOff, SetOutput, Wait, Comment>;
+using Instruction = std::variant<SetTool, SetFrame, MoveJoint, MoveLinear, MoveCircular, SpindleOn, SpindleOff, SetOutput, Wait, Comment,
+                                 MoveSpline, OutputOnPath, SwitchOn, SwitchOff>;
 
 struct Program {
   std::string name;                      // letters, digits, underscore; first a letter; at most 24 characters

@@ -9,23 +9,59 @@ namespace asbuilt::verifying {
 
 namespace {
 
-struct Target {  // a linear target of the program
+struct Target {  // a target of the program on the path; an arc carries its start and a point on the way
   Vec3 p;
   Vec3 axis;
   double speed;
   int instruction;
+  bool is_arc = false;
+  Pose<frame::Base, frame::Tool> from, to;
+  Vec3 via = Vec3::Zero();
 };
 
-/// The program's targets against the planned points, pass by pass, in order. Every planned point has to be a target; what lies between
-/// two of them has to lie on the line; the speed between them is the planned one.
-void check_path(Verdict& v, const ItemView& item, const Program& p, const Limits& limits) {
+struct OnArc {
+  double off_mm = 1e9, part = 0;  // distance from the arc, and how far along it, 0 to 1
+};
+OnArc on_arc(const Target& t, const Vec3& x) {
+  const Vec3 a = t.from.p_mm, u = t.via - a, v = t.p - a, n = u.cross(v);
+  if (n.norm() < 1e-9) return {};
+  const Vec3 c = a + (v.squaredNorm() * n.cross(u) + u.squaredNorm() * v.cross(n)) / (2 * n.squaredNorm());
+  const double radius = (a - c).norm();
+  const Vec3 e_x = (a - c) / radius, e_y = n.normalized().cross(e_x);
+  const auto angle = [&](const Vec3& p) {
+    const double w = std::atan2((p - c).dot(e_y), (p - c).dot(e_x));
+    return w < -1e-6 ? w + 2 * kPi : w;
+  };
+  const Vec3 d = x - c;
+  return {std::hypot(d.norm() - radius, d.dot(n.normalized())), angle(x) / angle(t.p)};
+}
+
+std::vector<Target> targets_of(const Program& p) {
   std::vector<Target> targets;
-  for (std::size_t i = 0; i < p.instructions.size(); ++i)
-    if (const auto* m = std::get_if<MoveLinear>(&p.instructions[i]))
-      targets.push_back({m->T_base_tool.p_mm, m->T_base_tool.direction(Vec3::UnitZ()), m->speed_mm_s, static_cast<int>(i)});
+  Pose<frame::Base, frame::Tool> at;
+  for (std::size_t i = 0; i < p.instructions.size(); ++i) {
+    const Pose<frame::Base, frame::Tool>* T = nullptr;
+    Target t;
+    if (const auto* m = std::get_if<MoveLinear>(&p.instructions[i])) T = &m->T_base_tool, t.speed = m->speed_mm_s;
+    if (const auto* m = std::get_if<MoveSpline>(&p.instructions[i])) T = &m->T_base_tool, t.speed = m->speed_mm_s;
+    if (const auto* m = std::get_if<MoveCircular>(&p.instructions[i])) T = &m->T_base_tool, t.speed = m->speed_mm_s, t.is_arc = true, t.via = m->T_base_via.p_mm;
+    if (T == nullptr) continue;
+    t.p = T->p_mm, t.axis = T->direction(Vec3::UnitZ()), t.instruction = static_cast<int>(i);
+    t.from = at, t.to = *T;
+    targets.push_back(t);
+    at = *T;
+  }
+  return targets;
+}
+
+/// The program's targets against the planned points, pass by pass, in order. Every planned point has to be a target or lie on an arc; what
+/// lies between two of them has to lie on the line; the speed between them is the planned one.
+void check_path(Verdict& v, const ItemView& item, const Program& p, const Limits& limits) {
+  const std::vector<Target> targets = targets_of(p);
   double worst_target = 0, worst_line = 0, worst_speed = 0, worst_axis = 0;
   int at_target = -1, at_line = -1, at_speed = -1, at_axis = -1;
   std::size_t k = 0, missing = 0, planned = 0;
+  double part_done = -1;  // of the arc targets[k]
   std::string first_missing;
   for (const CutPass& pass : item.path.passes) {
     for (std::size_t j = 0; j < pass.points.size(); ++j) {
@@ -34,25 +70,36 @@ void check_path(Verdict& v, const ItemView& item, const Program& p, const Limits
       const Vec3 axis = item.location.T_base_part.direction(pass.points[j].axis_part);
       // the next target that is this point: straight on from here, at most as far as the program goes to it
       std::size_t found = targets.size();
+      Vec3 axis_there = axis;
+      double off = 0, part = -1;
       for (std::size_t t = k; t < targets.size(); ++t) {
         if ((targets[t].p - want).norm() <= limits.path_target_mm) {
-          found = t;
+          found = t, off = (targets[t].p - want).norm(), axis_there = targets[t].axis;
           break;
         }
         if (j == 0) continue;  // approach before a pass: any number of moves
+        if (targets[t].is_arc) {
+          const OnArc on = on_arc(targets[t], want);
+          if (on.off_mm <= limits.path_error_mm && on.part > (t == k ? part_done : -1e-6) && on.part < 1) {
+            found = t, off = 0, part = on.part;
+            if (on.off_mm > worst_line) worst_line = on.off_mm, at_line = targets[t].instruction;
+            axis_there = targets[t].from.q.slerp(on.part, targets[t].to.q) * Vec3::UnitZ();
+          }
+          if (found != t && on.off_mm > worst_line) worst_line = on.off_mm, at_line = targets[t].instruction;
+          break;
+        }
         const Vec3 from = item.location.T_base_part.point(pass.points[j - 1].tip_part), d = want - from;
         const double f = d.squaredNorm() > 0 ? std::clamp((targets[t].p - from).dot(d) / d.squaredNorm(), 0.0, 1.0) : 0.0;
-        const double off = (from + f * d - targets[t].p).norm();
-        if (off > worst_line) worst_line = off, at_line = targets[t].instruction;
-        if (off > limits.path_error_mm) break;
+        const double beside = (from + f * d - targets[t].p).norm();
+        if (beside > worst_line) worst_line = beside, at_line = targets[t].instruction;
+        if (beside > limits.path_error_mm) break;
       }
       if (found == targets.size()) {
         if (missing++ == 0) first_missing = "pass " + std::to_string(pass.pass) + " of " + pass.feature + ", point " + std::to_string(j + 1);
         continue;
       }
-      const double off = (targets[found].p - want).norm();
       if (off > worst_target) worst_target = off, at_target = targets[found].instruction;
-      const double turn = std::atan2(axis.cross(targets[found].axis).norm(), axis.dot(targets[found].axis));
+      const double turn = std::atan2(axis.cross(axis_there).norm(), axis.dot(axis_there));
       if (turn > worst_axis) worst_axis = turn, at_axis = targets[found].instruction;
       if (j > 0)
         for (std::size_t t = k; t <= found; ++t) {
@@ -61,7 +108,8 @@ void check_path(Verdict& v, const ItemView& item, const Program& p, const Limits
           const double bad = targets[t].speed > pass.points[j].feed_mm_s ? d : targets[t].speed < 0.3 * pass.points[j].feed_mm_s ? d : 0.0;
           if (bad > worst_speed) worst_speed = bad, at_speed = targets[t].instruction;
         }
-      k = found + 1;
+      k = part >= 0 ? found : found + 1;
+      part_done = part;
     }
   }
   const auto place = [&](int i) { return i < 0 ? std::string() : place_of(p, i); };

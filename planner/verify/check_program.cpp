@@ -97,6 +97,13 @@ void check_program(Verdict& v, const CellSpec& cell, const Program& p, const Rep
   add_check(v, "joints.speed", r.speed_ratio.value, 1, "ratio", r.speed_ratio.value <= 1, at(r.speed_ratio));
   add_check(v, "joints.acceleration", r.acceleration_ratio.value, 1, "ratio", r.acceleration_ratio.value <= 1, at(r.acceleration_ratio));
   add_check(v, "joints.jump", deg_from_rad(r.jump_rad.value), deg_from_rad(limits.jump_rad), "deg", r.jump_rad.value <= limits.jump_rad, at(r.jump_rad));
+  const auto first_of = [&](const std::vector<int>& v) { return v.empty() ? std::string() : place_of(p, v.front()); };
+  add_check(v, "trigger.on_path", count(r.off_path.size()), 0, "count", r.off_path.empty(), first_of(r.off_path));
+  add_check(v, "equipment.order", count(r.arc_in_transfer.size()), 0, "count", r.arc_in_transfer.empty(), first_of(r.arc_in_transfer));
+  const double still_on = static_cast<double>(std::count(r.is_on.begin(), r.is_on.end(), true));
+  add_check(v, "equipment.off_at_end", still_on, 0, "count", still_on == 0, "program " + p.name);
+  if (r.spline_rules_mm.instruction >= 0)
+    add_check(v, "spline.rules", r.spline_rules_mm.value, limits.spline_rules_mm, "mm", r.spline_rules_mm.value <= limits.spline_rules_mm, at(r.spline_rules_mm));
   const bool has_linear = r.linear_speed_max_mm_s.instruction >= 0;
   if (has_linear) {
     add_check(v, "singularity", r.singularity_ratio.value, limits.singularity_ratio, "ratio",

@@ -19,7 +19,7 @@ struct Limits {
   double jump_rad = 0.0698;          // 4 deg between two samples of a linear move
   double singularity_ratio = 0.01;
   double path_error_mm = 0.02, path_target_mm = 0.005, axis_error_rad = 0.0005;
-  double blend_off_mm = 0.015;
+  double blend_off_mm = 0.015, spline_rules_mm = 0.02;
   double stray_mm = 0.09, mean_leg_mm = 0.04, end_mm = 1.0;
   double removal_ratio = 1.10, removal_share_ratio = 0.01;
   double home_rad = 0.0002, frame_mm = 0.002, frame_rad = 4e-6, tool_mm = 0.002, tool_rad = 4e-6;

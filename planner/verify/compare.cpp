@@ -13,8 +13,8 @@ namespace {
 using namespace verifying;
 
 struct Worst {
-  double position_mm = 0, angle_rad = 0, joint_rad = 0, speed_mm_s = 0, ratio = 0, rpm = 0, time_s = 0, looser_mm = 0;
-  int position_at = -1, angle_at = -1, joint_at = -1, speed_at = -1, ratio_at = -1, rpm_at = -1, time_at = -1, looser_at = -1;
+  double position_mm = 0, angle_rad = 0, joint_rad = 0, speed_mm_s = 0, ratio = 0, rpm = 0, time_s = 0, looser_mm = 0, trigger_mm = 0, arc_mm = 0;
+  int position_at = -1, angle_at = -1, joint_at = -1, speed_at = -1, ratio_at = -1, rpm_at = -1, time_at = -1, looser_at = -1, trigger_at = -1, arc_at = -1;
   double events = 0;
   int events_at = -1;
 };
@@ -29,13 +29,24 @@ void compare_pose(Worst& w, const Pose<A, B>& a, const Pose<A, B>& b, int i) {
   raise(w.angle_rad, w.angle_at, quat_log(a.q.conjugate() * b.q).norm(), i);
 }
 
+/// How far a point is from the arc through three points; the arc may be named by any point on it.
+double off_arc_mm(const Vec3& a, const Vec3& via, const Vec3& b, const Vec3& x) {
+  const Vec3 u = via - a, v = b - a, n = u.cross(v);
+  if (n.norm() < 1e-9) return (x - via).norm();
+  const Vec3 c = a + (v.squaredNorm() * n.cross(u) + u.squaredNorm() * v.cross(n)) / (2 * n.squaredNorm());
+  const Vec3 d = x - c;
+  const double off = std::hypot(d.norm() - (a - c).norm(), d.dot(n.normalized()));
+  // on the side of the chord where the arc is
+  return d.dot(via - c) > 0 || (x - 0.5 * (a + b)).dot(via - 0.5 * (a + b)) > 0 ? off : 1e3;
+}
+
 void compare_blend(Worst& w, bool exact_a, double a, bool exact_b, double b, int i) {
   // a program may stop where the plan allows rounding, never round more than planned
   const double planned = exact_a ? 0 : a, read = exact_b ? 0 : b;
   raise(w.looser_mm, w.looser_at, read - planned, i);
 }
 
-void compare_one(Worst& w, const Instruction& a, const Instruction& b, int i) {
+void compare_one(Worst& w, const Instruction& a, const Instruction& b, int i, const Vec3& p_before) {
   if (const auto* x = std::get_if<SetTool>(&a)) {
     const auto& y = std::get<SetTool>(b);
     compare_pose(w, x->T_flange_tool, y.T_flange_tool, i);
@@ -52,9 +63,23 @@ void compare_one(Worst& w, const Instruction& a, const Instruction& b, int i) {
   } else if (const auto* x = std::get_if<MoveCircular>(&a)) {
     const auto& y = std::get<MoveCircular>(b);
     compare_pose(w, x->T_base_tool, y.T_base_tool, i);
-    raise(w.position_mm, w.position_at, (x->T_base_via.p_mm - y.T_base_via.p_mm).norm(), i);
+    raise(w.arc_mm, w.arc_at, off_arc_mm(p_before, x->T_base_via.p_mm, x->T_base_tool.p_mm, y.T_base_via.p_mm), i);
     raise(w.speed_mm_s, w.speed_at, std::abs(x->speed_mm_s - y.speed_mm_s), i);
     compare_blend(w, x->is_exact, x->blend_mm, y.is_exact, y.blend_mm, i);
+  } else if (const auto* x = std::get_if<MoveSpline>(&a)) {
+    const auto& y = std::get<MoveSpline>(b);
+    compare_pose(w, x->T_base_tool, y.T_base_tool, i);
+    raise(w.speed_mm_s, w.speed_at, std::abs(x->speed_mm_s - y.speed_mm_s), i);
+  } else if (const auto* x = std::get_if<OutputOnPath>(&a)) {
+    const auto& y = std::get<OutputOnPath>(b);
+    raise(w.events, w.events_at, x->output != y.output || x->value != y.value ? 1 : 0, i);
+    raise(w.trigger_mm, w.trigger_at, std::abs(x->path_mm - y.path_mm), i);
+  } else if (const auto* x = std::get_if<SwitchOn>(&a)) {
+    const auto& y = std::get<SwitchOn>(b);
+    raise(w.events, w.events_at, x->what != y.what || x->data != y.data ? 1 : 0, i);
+  } else if (const auto* x = std::get_if<SwitchOff>(&a)) {
+    const auto& y = std::get<SwitchOff>(b);
+    raise(w.events, w.events_at, x->what != y.what || x->data != y.data ? 1 : 0, i);
   } else if (const auto* x = std::get_if<SpindleOn>(&a)) {
     raise(w.rpm, w.rpm_at, std::abs(x->rpm - std::get<SpindleOn>(b).rpm) / std::max(1.0, x->rpm), i);
   } else if (const auto* x = std::get_if<SetOutput>(&a)) {
@@ -114,13 +139,21 @@ Verdict compare_programs(const Program& planned, const Program& read_back, doubl
   const bool is_same_order = first == n && a.size() == b.size();
   add_check(v, "compare.order", is_same_order ? 0 : 1, 0, "count", is_same_order, is_same_order ? "" : "instruction " + std::to_string(first + 1));
   Worst w;
-  for (std::size_t i = 0; i < first; ++i) compare_one(w, *a[i], *b[i], static_cast<int>(i));
+  Vec3 p_before = Vec3::Zero();
+  for (std::size_t i = 0; i < first; ++i) {
+    compare_one(w, *a[i], *b[i], static_cast<int>(i), p_before);
+    if (const auto* m = std::get_if<MoveLinear>(a[i])) p_before = m->T_base_tool.p_mm;
+    if (const auto* m = std::get_if<MoveCircular>(a[i])) p_before = m->T_base_tool.p_mm;
+    if (const auto* m = std::get_if<MoveSpline>(a[i])) p_before = m->T_base_tool.p_mm;
+  }
   compare_frames(w, planned, read_back);
   const auto place = [](int i) { return i < 0 ? std::string() : "instruction " + std::to_string(i + 1); };
   // half a printed step per coordinate: the length of the offset is at most root 3 / 2 of a step
   const double position = 0.8661 * position_step_mm + 1e-6, angle = 0.8661 * angle_step_rad + 1e-9;
   // joints are printed in degrees or pulses, never coarser than the angles
   add_check(v, "compare.position", w.position_mm, position, "mm", w.position_mm <= position, place(w.position_at));
+  // the circle through three rounded points is off by more than they are; a dialect with a centre may name another point of it
+  add_check(v, "compare.arc", w.arc_mm, 5 * position, "mm", w.arc_mm <= 5 * position, place(w.arc_at));
   add_check(v, "compare.orientation", deg_from_rad(w.angle_rad), deg_from_rad(angle), "deg", w.angle_rad <= angle, place(w.angle_at));
   add_check(v, "compare.joints", deg_from_rad(w.joint_rad), std::max(deg_from_rad(angle), 5.5e-4), "deg",
             deg_from_rad(w.joint_rad) <= std::max(deg_from_rad(angle), 5.5e-4), place(w.joint_at));
@@ -130,6 +163,7 @@ Verdict compare_programs(const Program& planned, const Program& read_back, doubl
   add_check(v, "compare.spindle", w.rpm, 0.002, "ratio", w.rpm <= 0.002, place(w.rpm_at));
   add_check(v, "compare.wait", w.time_s, 0.0051, "s", w.time_s <= 0.0051, place(w.time_at));
   add_check(v, "compare.events", w.events, 0, "count", w.events == 0, place(w.events_at));
+  add_check(v, "compare.trigger", w.trigger_mm, 0.051, "mm", w.trigger_mm <= 0.051, place(w.trigger_at));
   add_check(v, "compare.blend", w.looser_mm, 0.051, "mm", w.looser_mm <= 0.051, place(w.looser_at));
   v.path_error_max_mm = w.position_mm;
   v.points_count = b.size();

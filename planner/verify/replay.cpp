@@ -73,6 +73,7 @@ class Player {
   Replay run() {
     for (index_ = 0; index_ < static_cast<int>(program_.instructions.size()); ++index_)
       std::visit([this](const auto& i) { play(i); }, program_.instructions[static_cast<std::size_t>(index_)]);
+    out_.off_path.insert(out_.off_path.end(), outputs_.begin(), outputs_.end());
     out_.rpm_at_end = rpm_;
     return std::move(out_);
   }
@@ -90,7 +91,10 @@ class Player {
   bool has_tool_ = false, has_frame_ = false, is_lost_ = false;
   double rpm_ = 0;
   Vec3 way_in_ = Vec3::Zero();  // direction of the linear move before, for the corner
-  double blend_before_ = 0;
+  double blend_before_ = 0, length_before_ = 0, speed_before_ = 0;
+  JointVector rate_before_{};   // joint speeds at the end of the path motion before
+  std::vector<int> outputs_;    // that wait for the next motion
+  int spline_begin_ = -1;       // first point of the spline that is being gathered
 
   static void raise(Extreme& e, double v, int i) {
     if (e.instruction < 0 || v > e.value) e.value = v, e.instruction = i;
@@ -108,6 +112,18 @@ class Player {
   void play(const SpindleOn& s) { rpm_ = s.rpm; }
   void play(const SpindleOff&) { rpm_ = 0; }
   void play(const SetOutput&) {}
+  void play(const OutputOnPath&) { outputs_.push_back(index_); }
+  void play(const SwitchOn& s) {
+    if (s.what == Equipment::tool_check) return;
+    auto& on = out_.is_on[static_cast<std::size_t>(s.what)];
+    if (on) out_.arc_in_transfer.push_back(index_);
+    on = true;
+  }
+  void play(const SwitchOff& s) {
+    auto& on = out_.is_on[static_cast<std::size_t>(s.what)];
+    if (!on) out_.arc_in_transfer.push_back(index_);
+    on = false;
+  }
   void play(const Wait& w) { out_.duration_s += std::max(0.0, w.time_s); }
   void play(const Comment&) {}
 
@@ -129,6 +145,8 @@ class Player {
 
   void play(const MoveJoint& m) {
     begin_motion(true);
+    outputs_lie_on(0);
+    if (out_.is_on[static_cast<std::size_t>(Equipment::arc)]) out_.arc_in_transfer.push_back(index_);
     blend_before_ = 0, way_in_ = Vec3::Zero();
     double longest = 0, duration = 0;
     for (std::size_t i = 0; i < 6; ++i) {
@@ -157,10 +175,64 @@ class Player {
   void play(const MoveLinear& m) {
     begin_motion(false);
     const Vec3 d = m.T_base_tool.p_mm - at_.p_mm;
+    outputs_lie_on(d.norm());
     corner(d);
     const Tcp from = at_;
     way(from, m.T_base_tool, d.norm(), m.speed_mm_s, [&](double f) { return Vec3(from.p_mm + f * d); });
     way_in_ = d, blend_before_ = m.is_exact ? 0 : m.blend_mm;
+  }
+
+  /// Outputs that wait must lie on the motion that comes now.
+  void outputs_lie_on(double length_mm) {
+    for (const int i : outputs_)
+      if (std::abs(std::get<OutputOnPath>(program_.instructions[static_cast<std::size_t>(i)]).path_mm) > length_mm + 0.002) out_.off_path.push_back(i);
+    outputs_.clear();
+  }
+
+  /// The points of a spline are gathered; with its last one the curve is run. Controllers keep their curves to themselves: here the cubic
+  /// through the points with tangents by chord length (Catmull, Rom 1974; centripetal: Yuksel 2011), and how far apart the two are.
+  void play(const MoveSpline&) {
+    if (spline_begin_ < 0) spline_begin_ = index_;
+    const std::size_t next = static_cast<std::size_t>(index_) + 1;
+    if (next < program_.instructions.size() && std::holds_alternative<MoveSpline>(program_.instructions[next])) return;
+    std::vector<Vec3> p{at_.p_mm};
+    for (int i = spline_begin_; i <= index_; ++i) p.push_back(std::get<MoveSpline>(program_.instructions[static_cast<std::size_t>(i)]).T_base_tool.p_mm);
+    const auto tangents = [&](double power) {
+      std::vector<Vec3> t(p.size());
+      const auto gap = [&](std::size_t i) { return std::max(1e-9, std::pow((p[i + 1] - p[i]).norm(), power)); };
+      for (std::size_t i = 1; i + 1 < p.size(); ++i) {
+        const double a = gap(i - 1), b = gap(i);
+        t[i] = ((p[i] - p[i - 1]) / a * b + (p[i + 1] - p[i]) / b * a) / (a + b);
+      }
+      t.front() = p.size() > 2 ? Vec3(2 * (p[1] - p[0]) / gap(0) - t[1]) : Vec3((p[1] - p[0]) / gap(0));
+      t.back() = p.size() > 2 ? Vec3(2 * (p[p.size() - 1] - p[p.size() - 2]) / gap(p.size() - 2) - t[p.size() - 2]) : t.front();
+      return t;
+    };
+    const auto curve = [&](const std::vector<Vec3>& t, double power, std::size_t i, double f) {
+      const double h = std::max(1e-9, std::pow((p[i + 1] - p[i]).norm(), power)), f2 = f * f, f3 = f2 * f;
+      return Vec3((2 * f3 - 3 * f2 + 1) * p[i] + (f3 - 2 * f2 + f) * h * t[i] + (-2 * f3 + 3 * f2) * p[i + 1] + (f3 - f2) * h * t[i + 1]);
+    };
+    const auto by_chord = tangents(1), centripetal = tangents(0.5);
+    const int last = index_;
+    for (int i = spline_begin_; i <= last; ++i) {
+      index_ = i;
+      const auto& m = std::get<MoveSpline>(program_.instructions[static_cast<std::size_t>(i)]);
+      const auto k = static_cast<std::size_t>(i - spline_begin_);
+      begin_motion(false);
+      if (i == spline_begin_) outputs_lie_on(0);
+      for (double f : {0.25, 0.5, 0.75})
+        raise(out_.spline_rules_mm, (curve(by_chord, 1, k, f) - curve(centripetal, 0.5, k, f)).norm(), i);
+      double length = 0;
+      Vec3 before = p[k];
+      for (int n = 1; n <= 8; ++n) {
+        const Vec3 x = curve(by_chord, 1, k, n / 8.0);
+        length += (x - before).norm(), before = x;
+      }
+      if (i == spline_begin_) corner(by_chord.front());
+      way(at_, m.T_base_tool, length, m.speed_mm_s, [&](double f) { return curve(by_chord, 1, k, f); });
+      way_in_ = by_chord[k + 1], blend_before_ = 0;
+    }
+    spline_begin_ = -1;
   }
 
   void play(const MoveCircular& m) {
@@ -168,6 +240,7 @@ class Player {
     const Tcp from = at_;
     const Arc arc = arc_through(from.p_mm, m.T_base_via.p_mm, m.T_base_tool.p_mm);
     if (!arc.is_arc || arc.angle > kPi + 1e-6) out_.unreached.push_back(index_);
+    outputs_lie_on(arc.radius * arc.angle);
     corner(arc.y);
     way(from, m.T_base_tool, arc.radius * arc.angle, m.speed_mm_s, [&](double f) {
       const double t = f * arc.angle;
@@ -203,7 +276,7 @@ class Player {
     at_ = to;
     if (is_lost_) return;
     const std::size_t begin = out_.samples.size();
-    JointVector q = q_;
+    JointVector q = q_, rate{};
     for (int k = 1; k <= n; ++k) {
       const double f = static_cast<double>(k) / n;
       const Tcp T(from.q.slerp(f, to.q), line(f));
@@ -217,17 +290,33 @@ class Player {
       for (std::size_t i = 0; i < 6; ++i) {
         const double d = std::abs((*next)[i] - q[i]);
         jump = std::max(jump, d);
+        rate[i] = duration > 0 ? ((*next)[i] - q[i]) / (duration / n) : 0.0;
         const double limit = cell_.robot.joints[i].speed_rad_s;
         // a controller smooths below its filter's 20 ms
         if (limit > 0 && duration > 0) raise(out_.speed_ratio, d / std::max(duration / n, 0.02) / limit, index_);
       }
       raise(out_.jump_rad, jump, index_);
+      if (k == 1) through_corner(rate, length, speed);
       q = *next;
       push(q, T, speed, false, duration / n);
       if (k == n || k % 8 == 0) lower(out_.singularity_ratio, arm_.singularity_ratio(q), index_);
     }
     q_ = q;
+    rate_before_ = rate, length_before_ = length, speed_before_ = speed;
     accelerations(begin, duration / n);
+  }
+
+  /// A controller passes a rounded corner on a parabola from d before it to d behind it (d: at most half of either motion), and changes the
+  /// feed on the way: the joints' speeds change from those before to those behind in the time this takes. At an exact stop the controller
+  /// ramps down and up within its own limits, and there is nothing to hold.
+  void through_corner(const JointVector& rate, double length, double speed) {
+    if (blend_before_ <= 0 || speed <= 0 || speed_before_ <= 0) return;
+    const double d = std::min({blend_before_, 0.5 * length_before_, 0.5 * length});
+    const double time = std::max(2 * d / (0.5 * (speed + speed_before_)), 0.012);  // an interpolation cycle of the slowest controllers
+    for (std::size_t i = 0; i < 6; ++i) {
+      const double limit = cell_.robot.joints[i].acceleration_rad_s2;
+      if (limit > 0) raise(out_.acceleration_ratio, std::abs(rate[i] - rate_before_[i]) / time / limit, index_);
+    }
   }
 
   /// Five-point second differences of the joints inside one block.
@@ -261,6 +350,7 @@ std::string place_of(const Program& program, int instruction) {
   std::string what = "instruction " + std::to_string(instruction + 1);
   if (const auto* l = std::get_if<MoveLinear>(&i)) what += ": linear move to " + vec_text(l->T_base_tool.p_mm);
   if (const auto* c = std::get_if<MoveCircular>(&i)) what += ": arc to " + vec_text(c->T_base_tool.p_mm);
+  if (const auto* c = std::get_if<MoveSpline>(&i)) what += ": point of a spline " + vec_text(c->T_base_tool.p_mm);
   if (std::holds_alternative<MoveJoint>(i)) what += ": joint move";
   return what;
 }

@@ -3,6 +3,7 @@
 // orientation turned by every rule in use, arcs through the auxiliary point. Frame base, mm, rad, s.
 #pragma once
 
+#include <array>
 #include <string>
 #include <vector>
 
@@ -45,7 +46,11 @@ struct Replay {
   Extreme orientation_rules_rad;               // greatest difference between the rules
   Extreme blend_off_mm;                        // how far a rounded corner leaves the path while the spindle runs
   Extreme speed_ratio;                         // joint speed over its limit
-  Extreme acceleration_ratio;                  // joint acceleration within a block over its limit
+  Extreme acceleration_ratio;                  // joint acceleration over its limit: along curves, and through rounded corners with their feed steps
+  Extreme spline_rules_mm;                     // greatest difference between the curves in use through the points of a spline
+  std::vector<int> off_path;                   // outputs at a place that is not on the motion they belong to
+  std::vector<int> arc_in_transfer;            // joint moves with the welding arc on, or a switch that is not paired
+  std::array<bool, 5> is_on{};                 // equipment at the end
   Extreme jump_rad;                            // greatest joint step between two samples of a linear move
   Extreme limit_margin_rad{1e9, -1};           // least distance to a joint limit
   Extreme singularity_ratio{1e9, -1};          // least, over linear moves

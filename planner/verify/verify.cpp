@@ -42,6 +42,10 @@ bool is_finite(const Program& p) {
       if (!pose_ok(m->T_base_tool) || !std::isfinite(m->speed_mm_s)) return false;
     if (const auto* m = std::get_if<MoveCircular>(&i))
       if (!pose_ok(m->T_base_tool) || !pose_ok(m->T_base_via) || !std::isfinite(m->speed_mm_s)) return false;
+    if (const auto* m = std::get_if<MoveSpline>(&i))
+      if (!pose_ok(m->T_base_tool) || !std::isfinite(m->speed_mm_s)) return false;
+    if (const auto* m = std::get_if<OutputOnPath>(&i))
+      if (!std::isfinite(m->path_mm)) return false;
     if (const auto* m = std::get_if<MoveJoint>(&i)) {
       if (!std::isfinite(m->speed_ratio)) return false;
       for (double q : m->q_rad)

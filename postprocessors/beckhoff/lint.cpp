@@ -49,6 +49,10 @@ struct Linter {
   const std::string& file;
   std::set<std::string> subs, called;
   int mains = 0;
+  bool is_sub() const {
+    const auto it = context.cell.controller.options.find("beckhoff.delivery");
+    return it != context.cell.controller.options.end() && it->second == "sub";
+  }
   bool is_in_sub = false, has_code = false, has_motion = false, has_m30 = false;
   bool is_trafo = false, is_cs = false, is_mcs = false, is_hsc = false, is_ptp = false, is_spinning = false, has_speed = false;
   std::set<int> head;
@@ -160,6 +164,10 @@ struct Linter {
       now.clear();
     } else if (name == "#HSC") {
       on_off(line, t, is_hsc, "#HSC");
+      const auto dev = number_after(t, "PATH_DEV");
+      const auto it = context.cell.controller.options.find("beckhoff.hsc_path_dev");
+      if (is_hsc && (!dev || it == context.cell.controller.options.end() || *dev > std::atof(it->second.c_str()) + 5.1e-4))
+        f.add("B-03", line, "#HSC with a deviation that is not the machine file's");
     } else if (name == "#PTP") {
       on_off(line, t, is_ptp, "#PTP");
     } else if (name == "#KIN" && is_trafo) {
@@ -221,8 +229,10 @@ struct Linter {
         if (v.count('S')) f.add("B-12", line, "S with M5");
         is_spinning = false;
       }
-      if ((code_m == 17 || code_m == 29) && !is_in_sub) f.add("B-10", line, "M17 outside a sub-program");
-      if ((code_m == 30 || code_m == 2) && !is_in_sub) {
+      const bool is_return = code_m == 17 || code_m == 29;
+      if (is_return && !is_in_sub && !is_sub()) f.add("B-10", line, "M17 outside a sub-program");
+      if (is_hsc) f.add("B-03", line, "an M function inside #HSC");
+      if (((code_m == 30 || code_m == 2) && !is_in_sub) || (is_return && !is_in_sub && is_sub())) {
         has_m30 = true;
         if (is_trafo || is_cs || is_mcs || is_hsc) f.add("B-04", line, "the program ends with #TRAFO, #CS, #MCS or #HSC on");
         if (is_spinning) f.add("B-12", line, "the program ends with the spindle on");

@@ -4,6 +4,7 @@
 // local and global sub-programs. A word or command outside it is a refusal with file and line, never a guess.
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <map>
 #include <set>
 
@@ -35,6 +36,13 @@ class Reader {
       int output = 0, on = 0, off = 0;
       if (std::sscanf(key.c_str(), "beckhoff.output.%d", &output) == 1 && std::sscanf(codes.c_str(), "%d %d", &on, &off) == 2)
         output_codes_[on] = {output, true}, output_codes_[off] = {output, false};
+      for (const Equipment what : {Equipment::coolant, Equipment::arc, Equipment::weave, Equipment::recording, Equipment::tool_check}) {
+        const std::string name = "beckhoff." + std::string(name_of(what));
+        if (!key.starts_with(name) || (key.size() > name.size() && key[name.size()] != '.')) continue;
+        const int data = key.size() > name.size() ? std::atoi(key.c_str() + name.size() + 1) : 0;
+        const auto numbers = reading::words(codes);
+        for (std::size_t i = 0; i < numbers.size() && i < 2; ++i) equipment_codes_[std::atoi(numbers[i].c_str())] = {what, data, i == 0};
+      }
     }
   }
 
@@ -42,6 +50,7 @@ class Reader {
     if (text_.files.empty()) fail({}, "read.missing", "no file");
     std::vector<Line> main = load(text_.files.front());
     run(main, 0);
+    if (is_hsc_) fail(main.back(), "read.missing", "#HSC OFF is missing");
     if (!has_end_) fail(main.empty() ? Line{&text_.files.front().name, 0, {}} : main.back(), "read.missing", "M30 is missing");
     return std::move(build_.program);
   }
@@ -52,6 +61,14 @@ class Reader {
   Builder build_;
   std::map<std::string, std::vector<Line>> subs_;
   std::map<int, std::pair<int, bool>> output_codes_;
+  struct Switch {
+    Equipment what;
+    int data;
+    bool is_on;
+  };
+  std::map<int, Switch> equipment_codes_;
+  bool is_hsc_ = false;
+  int hsc_points_ = 0;
   std::map<int, Pose<frame::Base, frame::Work>> systems_;
   std::optional<Pose<frame::Base, frame::Work>> active_;
   bool is_trafo_ = false, is_mcs_ = false, is_contouring_ = false, is_centre_absolute_ = false;
@@ -193,6 +210,7 @@ class Reader {
 
   void command(Scanner& s) {
     const Line line = s.line();
+    if (is_hsc_ && !Scanner(s).accept("#HSC")) fail(line, "read.hsc", "inside #HSC only path blocks are read");
     if (s.accept("#TRAFO")) {
       const bool on = s.accept("ON");
       if (!on) s.expect("OFF");
@@ -250,6 +268,22 @@ class Reader {
       s.expect("]");
       if (pre != post || !(pre > 0)) fail(line, "read.range", "the corner distances must be equal and above 0", pre, post, "mm");
       contour_mm_ = pre;
+    } else if (s.accept("#HSC")) {
+      if (s.accept("ON")) {
+        if (is_hsc_ || !is_trafo_ || is_mcs_) fail(line, "read.order", "#HSC ON belongs between path blocks, once");
+        s.expect("["), s.expect("BSPLINE"), s.expect("PATH_DEV"), s.expect("=");
+        const double dev = s.expect_number("the deviation");
+        s.expect("]");
+        const auto it = context_.cell.controller.options.find("beckhoff.hsc_path_dev");
+        if (it == context_.cell.controller.options.end() || std::abs(std::atof(it->second.c_str()) - dev) > 5.1e-4)
+          fail(line, "read.hsc", "PATH_DEV is not the cell's (controller.beckhoff.hsc_path_dev)", dev);
+        is_hsc_ = true, hsc_points_ = 0;
+      } else {
+        s.expect("OFF");
+        if (!is_hsc_) fail(line, "read.order", "#HSC OFF without ON");
+        if (hsc_points_ < 2) fail(line, "read.spline", "a spline needs at least two points", hsc_points_, 2, "points");
+        is_hsc_ = false;
+      }
     } else if (s.accept("#FLUSH")) {
       s.accept("WAIT");
     } else {
@@ -356,8 +390,14 @@ class Reader {
         if (depth) fail(line, "read.unknown", "the program ends inside a sub-program");
         has_end_ = true;
       } else if (m == 17 || m == 29) {
-        if (!depth) fail(line, "read.unknown", "M17 and M29 end sub-programs");
-        ends = true;
+        const auto it = context_.cell.controller.options.find("beckhoff.delivery");
+        const bool is_sub = it != context_.cell.controller.options.end() && it->second == "sub";
+        if (!depth && !is_sub) fail(line, "read.unknown", "M17 and M29 end sub-programs");
+        if (depth) ends = true;
+        else has_end_ = true;
+      } else if (const auto it = equipment_codes_.find(m); it != equipment_codes_.end()) {
+        if (it->second.is_on) build_.switch_on(line, it->second.what, it->second.data);
+        else build_.switch_off(line, it->second.what, it->second.data);
       } else if (output_codes_.count(m)) {
         build_.digital_output(line, output_codes_[m].first, output_codes_[m].second);
       } else {
@@ -444,6 +484,11 @@ class Reader {
     } else {
       if (!feed_) fail(line, "read.undefined", "a path motion before F");
       speed = *feed_ / 60.0;
+    }
+    if (is_hsc_) {
+      if (motion_ != 1 || !w.m.empty() || w.value.count('S') || blend > 0) fail(line, "read.hsc", "inside #HSC only G01 with its words and F is read");
+      ++hsc_points_;
+      return build_.spline(line, pose(line, now_), speed);
     }
     if (motion_ > 1) return arc(line, w, before, speed, blend);
     for (char c : {'I', 'J', 'K', 'R'})

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
+#include <cstdlib>
 #include <vector>
 
 #include "planner/base/number.hpp"
@@ -122,7 +122,8 @@ struct Writer {
   Pose<frame::Base, frame::Work> T_base_planned;  // of the last SetFrame
   std::string defined;                            // the last #CS DEF
   Pose<frame::Base, frame::Work> T_base_work;     // what it names: the planned frame, turned by right angles
-  bool is_cartesian = false, is_contouring = false;
+  bool is_cartesian = false, is_contouring = false, is_hsc = false;
+  double hsc_path_dev_mm = 0;
   std::optional<Angles> words;
   std::string contour;
   std::optional<Pose<frame::Work, frame::Tool>> T_now;  // as printed
@@ -271,20 +272,52 @@ struct Writer {
   void operator()(const SpindleOn& s) { add("S" + fixed_number(s.rpm, 0) + " M03"); }
   void operator()(const SpindleOff&) { add("M05"); }
   void operator()(const SetOutput& s) {
-    const std::string key = "beckhoff.output." + std::to_string(s.output);
-    const auto codes = option(context, key);
-    int on = 0, off = 0;
-    char tail = 0;
-    if (!codes) {
-      faults.push_back(fault("post.missing_value", "cell.yaml: controller." + key,
-                             "a CNC program switches outputs by M functions; give the two of this output, on and off, as in \"50 51\""));
-      return;
+    const auto codes = m_functions("output." + std::to_string(s.output), 2, "a CNC program switches outputs by M functions; give the two of this output, on and off, as in \"50 51\"");
+    if (codes) add("M" + std::to_string((*codes)[s.value ? 0 : 1]));
+  }
+  /// The M functions of the PLC under a key of the machine file; never guessed.
+  std::optional<std::array<int, 2>> m_functions(const std::string& name, std::size_t count, const char* ask) {
+    const std::string key = "beckhoff." + name;
+    const auto text = option(context, key);
+    if (!text) {
+      faults.push_back(fault("post.missing_value", "cell.yaml: controller." + key, ask));
+      return std::nullopt;
     }
-    if (std::sscanf(codes->c_str(), "%d %d %c", &on, &off, &tail) != 2 || on < 31 || off < 31 || on > 999 || off > 999 || on == off) {
-      faults.push_back(fault("post.option", "cell.yaml: controller." + key, "\"" + *codes + "\" is no pair of M functions from 31 to 999"));
-      return;
+    const auto words = writing::words_of(*text);
+    std::array<int, 2> codes{};
+    bool is_ok = words.size() == count;
+    for (std::size_t i = 0; is_ok && i < count; ++i) {
+      codes[i] = whole_number(words[i]).value_or(0);
+      is_ok = (codes[i] >= 31 && codes[i] <= 999) || (name == "coolant" && codes[i] >= 7 && codes[i] <= 9);
     }
-    add("M" + std::to_string(s.value ? on : off));
+    if (!is_ok || (count == 2 && codes[0] == codes[1])) {
+      faults.push_back(fault("post.option", "cell.yaml: controller." + key, "\"" + *text + "\" is no " + (count == 2 ? "pair of M functions" : "M function") + " from 31 to 999"));
+      return std::nullopt;
+    }
+    return codes;
+  }
+  void equipment(Equipment what, int data, bool on) {
+    const std::string name = std::string(name_of(what)) + (data ? "." + std::to_string(data) : "");
+    const auto codes = m_functions(name, what == Equipment::tool_check ? 1 : 2, "give the M functions of the PLC for it, on and off, as in \"60 61\"");
+    if (codes) add("M" + std::to_string((*codes)[on ? 0 : 1]));
+  }
+  void operator()(const SwitchOn& s) { equipment(s.what, s.data, true); }
+  void operator()(const SwitchOff& s) { equipment(s.what, s.data, false); }
+  void operator()(const OutputOnPath&) {}  // refused before
+  /// Points of a spline: blocks inside #HSC, which leaves them by at most PATH_DEV. Nothing else may stand inside.
+  void operator()(const MoveSpline& m) {
+    if (!is_hsc) {
+      to_cartesian(m.T_base_tool);
+      if (is_contouring) add("G260");
+      is_contouring = false;
+      add("#HSC ON [BSPLINE PATH_DEV=" + fixed_number(hsc_path_dev_mm, kMm) + "]");
+      is_hsc = true;
+    }
+    add("G01" + words_text(target_of(m.T_base_tool)) + feed(m.speed_mm_s));
+  }
+  void end_spline() {
+    if (is_hsc) add("#HSC OFF");
+    is_hsc = false;
   }
   void operator()(const Wait& w) { add("G04 X" + fixed_number(w.time_s, 3)); }
   void operator()(const Comment& c) { add_comment(c.text); }
@@ -295,9 +328,10 @@ struct Writer {
 Result<ProgramText> write(const Program& program, const PostContext& context) {
   const ControllerSpec& c = context.cell.controller;
   Refusals faults = check(program, context, {.name_length = 60, .speed_min_mm_s = 0.01, .speed_max_mm_s = 3000, .wait_min_s = 0.001, .wait_max_s = 3600});
-  check_options(context, "beckhoff", {"output.", "rapid_mm_s"}, faults);
-  bool has_path = false;
+  check_options(context, "beckhoff", {"output.", "rapid_mm_s", "coolant", "arc.", "weave.", "recording", "tool_check.", "hsc_path_dev", "delivery", "path"}, faults);
+  bool has_path = false, has_spline = false;
   for (const Instruction& i : program.instructions) {
+    has_spline |= std::holds_alternative<MoveSpline>(i);
     has_path |= std::holds_alternative<MoveLinear>(i) || std::holds_alternative<MoveCircular>(i);
     if (const auto* s = std::get_if<SetTool>(&i); s && s->number < 1)
       faults.push_back(fault("post.tool", program.name, "Beckhoff tools are numbered from 1", s->number, 1));
@@ -308,6 +342,20 @@ Result<ProgramText> write(const Program& program, const PostContext& context) {
   if (has_path && !c.kinematic_id)
     faults.push_back(fault("post.missing_value", "cell.yaml: controller.beckhoff.kinematic_id",
                            "#KIN ID chooses the robot's transformation; give the channel's number"));
+  double hsc_path_dev_mm = 0;
+  if (const auto text = option(context, "beckhoff.hsc_path_dev")) {
+    const auto um = writing::words_of(*text);
+    char* end = nullptr;
+    hsc_path_dev_mm = um.size() == 1 ? std::strtod(um[0].c_str(), &end) : 0;
+    if (!end || *end || !(hsc_path_dev_mm >= 0.001) || hsc_path_dev_mm > 1)
+      faults.push_back(fault("post.option", "cell.yaml: controller.beckhoff.hsc_path_dev", "\"" + *text + "\" is no length from 0.001 to 1 mm", hsc_path_dev_mm, 1, "mm"));
+  } else if (has_spline) {
+    faults.push_back(fault("post.missing_value", "cell.yaml: controller.beckhoff.hsc_path_dev",
+                           "#HSC is a licensed option; where it is there, give how far it may leave the points, mm"));
+  }
+  const std::string delivery = option(context, "beckhoff.delivery").value_or("main");
+  const bool is_sub = delivery == "sub";
+  if (!is_sub && delivery != "main") faults.push_back(fault("post.option", "cell.yaml: controller.beckhoff.delivery", "\"" + delivery + "\" is neither main nor sub"));
   double slowest = 1e300;
   for (const JointSpec& j : context.cell.robot.joints) slowest = std::min(slowest, deg_from_rad(j.speed_rad_s));
   if (!(slowest > 0))
@@ -316,15 +364,20 @@ Result<ProgramText> write(const Program& program, const PostContext& context) {
 
   Writer w{context, c.orientation.value_or(BeckhoffOrientation::cba), slowest};
   w.name = program.name;
-  w.out.add("%" + program.name);
+  if (!is_sub) w.out.add("%" + program.name);
   for (const std::string& h : program.header) w.add_comment(h);
   w.add("G90 G71 G94 G17");
   w.add("#CS OFF ALL");
   w.add("#TRAFO OFF");
   if (c.kinematic_id) w.add("#KIN ID [" + std::to_string(*c.kinematic_id) + "]");
-  for (w.at = 0; w.at < program.instructions.size(); ++w.at) std::visit(w, program.instructions[w.at]);
+  w.hsc_path_dev_mm = hsc_path_dev_mm;
+  for (w.at = 0; w.at < program.instructions.size(); ++w.at) {
+    if (!std::holds_alternative<MoveSpline>(program.instructions[w.at])) w.end_spline();
+    std::visit(w, program.instructions[w.at]);
+  }
+  w.end_spline();
   w.to_joints();
-  w.add("M30");
+  w.add(is_sub ? "M17" : "M30");
   if (!w.faults.empty()) return refuse_all(std::move(w.faults));
   return ProgramText{Language::beckhoff, {{program.name + ".nc", std::move(w.out.bytes)}}};
 }

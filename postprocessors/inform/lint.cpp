@@ -134,7 +134,8 @@ struct Linter {
         } else if (word == "ATTR") {
           step(6);
           for (std::string_view a : fields(rest)) has_rj |= a == "RJ";
-          if (has_rj) f.add("I-07", line, "a relative job (RJ): not written and not read here");
+          if (has_rj && !(has_option("inform.relative") && context.cell.controller.options.at("inform.relative") == "yes"))
+            f.add("I-07", line, "a relative job (RJ), an option that the machine file does not name (inform.relative: yes)");
         } else if (word == "FRAME") {
           step(6), has_frame = true;
         } else if (word == "GROUP1" || word == "LVARS" || word == "FOLDERNAME") {
@@ -172,6 +173,21 @@ struct Linter {
       if ((flags[i] == "1") != (i < 6 && wanted[i])) f.add("I-05", line, "flag " + std::to_string(i + 1) + " is not that of the joint target before");
   }
 
+  int spline_run = 0;
+  /// Jobs of the controller that the machine file names.
+  bool is_machines(const std::string& name) const {
+    for (const char* key : {"inform.recording", "inform.tool_check"})
+      if (has_option(key))
+        for (const std::string& word : reading::words(context.cell.controller.options.at(key)))
+          if (word == name) return true;
+    return false;
+  }
+  bool is_listed(const char* key, double n) const {
+    if (has_option(key))
+      for (const std::string& word : reading::words(context.cell.controller.options.at(key)))
+        if (std::atof(word.c_str()) == n) return true;
+    return false;
+  }
   void close_run(const std::string& where, int& arc_run) {
     if (arc_run == 1 || (arc_run > 0 && arc_run % 2 == 0)) f.add("I-09", where, "a run of MOVC needs start, middle and end");
     arc_run = 0;
@@ -230,20 +246,25 @@ struct Linter {
       if ((op == "ARCON") == is_arc_on) f.add("I-13", line, "ARCON and ARCOF alternate");
       is_arc_on = op == "ARCON";
     }
+    if (op == "ARCON" || op == "WVON") {
+      const auto n = number_after(t, op == "ARCON" ? "ASF#" : "WEV#");
+      if (!n || !is_listed(op == "ARCON" ? "inform.arc" : "inform.weave", *n)) f.add("I-13", line, "a condition file that the machine file does not list");
+    }
     if (op == "WVON" || op == "WVOF") {
       if ((op == "WVON") == is_weaving) f.add("I-13", line, "WVON and WVOF alternate");
       is_weaving = op == "WVON";
     }
     if (op == "CALL" && t.size() > 3) {
       std::string name(line.text.substr(line.text.find(':') + 1));
-      called.insert(name);
+      name = name.substr(0, name.find(' '));
+      if (!is_machines(name)) called.insert(name);
     }
     if (op == "DOUT") {
       const auto n = number_after(t, "OT#");
       if (!n || *n < 1 || *n > 4096) f.add("I-16", line, "an output outside the map");
     }
     if (!moves.count(op)) return;
-    if (is_arc_on && op == "MOVJ") f.add("I-13", line, "a joint motion with the arc on");
+    if (is_arc_on && (op == "MOVJ" || op == "MOVS")) f.add("I-13", line, "with the arc on only MOVL and MOVC");
     char expected[16];
     std::snprintf(expected, sizeof expected, "C%05d", used);
     if (t.size() < 2 || (t[1].text[0] == 'C' && !t[1].is(expected))) f.add("I-03", line, std::string("expected ") + expected);
@@ -262,6 +283,12 @@ struct Linter {
       ++arc_run;
     } else {
       close_run(reading::place(line), arc_run);
+    }
+    if (op == "MOVS") {
+      ++spline_run;
+    } else {
+      if (spline_run > 0 && spline_run < 3) f.add("I-09", line, "a run of MOVS of less than three points");
+      spline_run = 0;
     }
     if (has(t, "FPT") && (op != "MOVC" || arc_run < 3 || arc_run % 2 == 0)) f.add("I-09", line, "FPT belongs to the end of an arc");
     last_motion = op;

@@ -2,8 +2,10 @@
 // Yaskawa INFORM -> neutral program. A whitelist written from dialect.md: jobs with their position block, MOVJ from pulses,
 // MOVL and MOVC from Cartesian positions in BASE, ROBOT or USER (with UFRAME.CND), DOUT, AOUT, TIMER, CALL, comments.
 // An instruction outside it is a refusal with file and line, never a guess.
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <map>
 #include <set>
 
@@ -29,6 +31,8 @@ struct Job {
   Line head;
   std::map<std::string, Position> positions;
   std::vector<Line> instructions;
+  bool is_relative = false, has_frame = false;
+  int frame_user = -1;
 };
 
 class Reader {
@@ -59,6 +63,9 @@ class Reader {
   std::map<int, Pose<frame::Base, frame::Work>> user_frames_;
   std::set<std::string> running_;
   std::optional<Position> last_;      // the last path target
+  int spline_points_ = 0;             // MOVS seen in the present run
+  int during_ = -1;                   // index of the motion whose start the next events belong to (NWAIT); -1: none
+  int weave_ = 0;
   int arc_points_ = 0;                // MOVC seen in the present run
   Position arc_via_;
   double arc_speed_ = 0, arc_start_speed_ = 0;
@@ -224,15 +231,24 @@ class Reader {
       } else if (s.accept("///ATTR")) {
         do {
           const std::string a = s.name();
-          if (a == "RJ") fail(line, "read.unknown", "relative jobs (RJ) are not read");
-          if (a != "SC" && a != "RW" && a != "RO" && a != "WO") s.unknown();
+          if (a == "RJ") job.is_relative = true;
+          else if (a != "SC" && a != "RW" && a != "RO" && a != "WO") s.unknown();
         } while (s.accept(","));
+      } else if (s.accept("///FRAME")) {
+        if (!job.is_relative || job.has_frame) fail(line, "read.unknown", "///FRAME belongs to a relative job (RJ), once");
+        job.has_frame = true;
+        if (s.accept("USER")) job.frame_user = s.expect_integer("the user frame", 1, 63);
+        else if (!s.accept("BASE")) s.expect("ROBOT");
       } else if (s.accept("///GROUP1")) {
         s.expect("RB1");
         has_group = true;
       } else if (s.accept("NOP")) {
         s.expect_end();
         if (!has_group) fail(line, "read.missing", "///GROUP1 is missing");
+        if (job.is_relative && !job.has_frame) fail(line, "read.missing", "a relative job names the frame its positions are in (///FRAME)");
+        for (const auto& [name, p] : job.positions)
+          if (job.is_relative && (p.is_joint || p.user != job.frame_user))
+            fail(p.line, "read.unknown", "a relative job holds Cartesian positions in the frame it names; " + name + " is none", p.user, job.frame_user);
         return;
       } else {
         s.unknown();
@@ -296,8 +312,14 @@ class Reader {
       if (s.accept("MOVJ")) joint(s, take(s, job, used));
       else if (s.accept("MOVL")) line_or_arc(s, take(s, job, used), false);
       else if (s.accept("MOVC")) line_or_arc(s, take(s, job, used), true);
-      else if (s.accept("DOUT")) digital(s);
-      else if (s.accept("AOUT")) analog(s);
+      else if (s.accept("MOVS")) spline(s, take(s, job, used));
+      else if (s.accept("DOUT")) event([&] { digital(s); });
+      else if (s.accept("AOUT")) event([&] { analog(s); });
+      else if (s.accept("ARCON")) event([&] { build_.switch_on(s.line(), Equipment::arc, number(s, "ASF#", 255)); });
+      else if (s.accept("ARCOF")) event([&] { build_.switch_off(s.line(), Equipment::arc, number(s, "AEF#", 255)); });
+      else if (s.accept("WVON")) event([&] { weave_ = number(s, "WEV#", 255), build_.switch_on(s.line(), Equipment::weave, weave_); });
+      else if (s.accept("WVOF")) event([&] { build_.switch_off(s.line(), Equipment::weave, weave_); });
+      else if (s.accept("CWAIT")) during_ = -1;
       else if (s.accept("TIMER")) timer(s);
       else if (s.accept("CALL")) call(s);
       else s.unknown();
@@ -310,6 +332,7 @@ class Reader {
 
   /// Comment lines: a header line begins with "* ", what follows a cut with "> ".
   void remark(std::string_view text) {
+    during_ = -1;
     if (text.starts_with("> ")) {
       text.remove_prefix(2);
       if (!has_body_ && !build_.program.header.empty()) {
@@ -351,8 +374,64 @@ class Reader {
     exact(s);
     build_.set_tool(s.line(), p.tool);
     build_.joint(s.line(), p.q_deg, percent / 100);
-    arc_points_ = 0;
+    no_wait(s);
+    end_of_runs(s.line());
     last_.reset();
+  }
+  /// NWAIT: the events on the next lines run as this motion begins, so they stand before it in the program.
+  void no_wait(Scanner& s) { during_ = s.accept("NWAIT") ? static_cast<int>(build_.program.instructions.size()) - 1 : -1; }
+  template <class F>
+  void event(F&& f) {
+    auto& list = build_.program.instructions;
+    const auto before = static_cast<std::ptrdiff_t>(list.size());
+    f();
+    if (during_ < 0) return;
+    std::rotate(list.begin() + during_, list.begin() + before, list.end());
+    during_ += static_cast<int>(list.size()) - static_cast<int>(before);
+  }
+  /// A run of MOVC or MOVS ends here.
+  void end_of_runs(const Line& line) {
+    if (arc_points_ > 0 && arc_points_ % 2 == 0) fail(line, "read.arc", "a run of MOVC needs start, middle and end");
+    if (spline_points_ > 0 && spline_points_ < 3) fail(line, "read.spline", "a run of MOVS needs three points and more", spline_points_, 3, "points");
+    arc_points_ = spline_points_ = 0;
+  }
+  void spline(Scanner& s, const Position& p) {
+    const Line line = s.line();
+    if (arc_points_ > 0 && arc_points_ % 2 == 0) fail(line, "read.arc", "a run of MOVC needs start, middle and end");
+    arc_points_ = 0;
+    if (p.is_joint) fail(line, "read.path_pulses", "a path motion to pulses is not read: its place depends on the robot; use Cartesian positions");
+    s.expect("V"), s.expect("=");
+    const double speed = path_speed(s);
+    const double blend = corner(s);
+    frame_of(line, p);
+    if (++spline_points_ == 1) {
+      const bool is_there = last_ && last_->user == p.user && last_->T_work_tool.p_mm == p.T_work_tool.p_mm &&
+                            last_->T_work_tool.q.coeffs() == p.T_work_tool.q.coeffs();
+      if (!is_there) build_.linear(line, p.T_work_tool, speed, blend), no_wait(s);
+      else if (blend > 0) fail(line, "read.spline", "the points of a spline are passed exactly", blend, 0, "mm");
+    } else {
+      if (blend > 0) fail(line, "read.spline", "the points of a spline are passed exactly", blend, 0, "mm");
+      during_ = -1;
+      build_.spline(line, p.T_work_tool, speed);
+    }
+    last_ = p;
+  }
+  double path_speed(Scanner& s) {
+    const auto unit = context_.cell.controller.speed_unit;
+    if (!unit) fail(s.line(), "read.undefined", "V= cannot be read without controller.inform.speed_unit in cell.yaml");
+    return s.expect_number("the speed") * (*unit == SpeedUnit::mm_s ? 1.0 : 10.0 / 60.0);
+  }
+  double corner(Scanner& s) {
+    double blend = 0;
+    if (s.accept("CR")) {
+      s.expect("=");
+      blend = s.expect_number("the corner radius");
+      if (blend < 0.1 || blend > 6553.5) fail(s.line(), "read.range", "CR is not between 0.1 and 6553.5 mm", blend, 6553.5, "mm");
+    } else {
+      s.expect("PL"), s.expect("=");
+      blend = zone(s.line(), s.expect_integer("PL", 0, 8));
+    }
+    return blend;
   }
   void exact(Scanner& s) {
     s.expect("PL"), s.expect("=");
@@ -380,18 +459,10 @@ class Reader {
     const Line line = s.line();
     if (p.is_joint) fail(line, "read.path_pulses", "a path motion to pulses is not read: its place depends on the robot; use Cartesian positions");
     s.expect("V"), s.expect("=");
-    const auto unit = context_.cell.controller.speed_unit;
-    if (!unit) fail(line, "read.undefined", "V= cannot be read without controller.inform.speed_unit in cell.yaml");
-    const double speed = s.expect_number("the speed") * (*unit == SpeedUnit::mm_s ? 1.0 : 10.0 / 60.0);
-    double blend = 0;
-    if (s.accept("CR")) {
-      s.expect("=");
-      blend = s.expect_number("the corner radius");
-      if (blend < 0.1 || blend > 6553.5) fail(line, "read.range", "CR is not between 0.1 and 6553.5 mm", blend, 6553.5, "mm");
-    } else {
-      s.expect("PL"), s.expect("=");
-      blend = zone(line, s.expect_integer("PL", 0, 8));
-    }
+    const double speed = path_speed(s);
+    const double blend = corner(s);
+    if (spline_points_ > 0 && spline_points_ < 3) fail(line, "read.spline", "a run of MOVS needs three points and more", spline_points_, 3, "points");
+    spline_points_ = 0;
     const bool is_arc_end = s.accept("FPT");
     if (is_arc_end && (!is_arc || arc_points_ % 2 == 1)) fail(line, "read.unknown", "FPT belongs to the end of an arc");
     if (!is_arc) {
@@ -399,9 +470,11 @@ class Reader {
       arc_points_ = 0;
       frame_of(line, p);
       build_.linear(line, p.T_work_tool, speed, blend);
+      no_wait(s);
       last_ = p;
       return;
     }
+    during_ = -1;
     if (++arc_points_ == 1) {  // the start of an arc: the tool goes there straight, unless it is there already
       frame_of(line, p);
       const bool is_there = last_ && last_->user == p.user && last_->T_work_tool.p_mm == p.T_work_tool.p_mm &&
@@ -425,6 +498,10 @@ class Reader {
     }
   }
 
+  std::string machine(const char* key) const {
+    const auto it = context_.cell.controller.options.find(std::string("inform.") + key);
+    return it == context_.cell.controller.options.end() ? "" : it->second;
+  }
   static int number(Scanner& s, std::string_view kind, int hi) {
     s.expect(kind), s.expect("("); 
     const int n = s.expect_integer("the number", 1, hi);
@@ -435,6 +512,11 @@ class Reader {
     const int n = number(s, "OT#", 4096);
     const bool on = s.accept("ON");
     if (!on) s.expect("OFF");
+    if (const std::string coolant = machine("coolant"); !coolant.empty() && std::atoi(coolant.c_str()) == n) {
+      if (on) build_.switch_on(s.line(), Equipment::coolant, 0);
+      else build_.switch_off(s.line(), Equipment::coolant, 0);
+      return;
+    }
     build_.digital_output(s.line(), n, on);
   }
   void analog(Scanner& s) {
@@ -445,16 +527,30 @@ class Reader {
     s.expect("T"), s.expect("=");
     const double t = s.expect_number("the time");
     if (t < 0.01 || t > 655.35) fail(s.line(), "read.range", "TIMER takes 0.01 to 655.35 s", t, 655.35, "s");
+    during_ = -1;
     build_.wait(s.line(), t);
   }
   void call(Scanner& s) {
     s.expect("JOB"), s.expect(":");
     const std::string name = job_name(s);
+    const auto recording = words(machine("recording"));
+    if (const auto it = std::find(recording.begin(), recording.end(), name); it != recording.end())
+      return event([&] {
+        if (it == recording.begin()) build_.switch_on(s.line(), Equipment::recording, 0);
+        else build_.switch_off(s.line(), Equipment::recording, 0);
+      });
+    if (name == machine("tool_check")) {
+      std::string argument = s.name();  // ARGF3
+      if (!argument.starts_with("ARGF") || argument.size() > 7 || argument.find_first_not_of("0123456789", 4) != std::string::npos || argument.size() == 4)
+        fail(s.line(), "read.unknown", "the tool check takes the tool's number, ARGFn");
+      return build_.switch_on(s.line(), Equipment::tool_check, std::atoi(argument.c_str() + 4));
+    }
+    during_ = -1;
     const auto it = jobs_.find(name);
     if (it == jobs_.end()) fail(s.line(), "read.call", name + " is called but not among these files");
-    if (arc_points_ > 0 && arc_points_ % 2 == 0) fail(s.line(), "read.arc", "a run of MOVC needs start, middle and end");
-    arc_points_ = 0;
+    end_of_runs(s.line());
     run(it->second, false);
+    end_of_runs(s.line());
   }
 };
 

@@ -41,6 +41,21 @@ struct Linter {
   std::map<int, std::set<std::string>> checked;  // components of TOOL_DATA[n] that the program waits for
   std::set<int> expected;                        // tools with their pose in the .dat
 
+  /// Names of the controller's own sub-programs, as the machine file lists them.
+  bool is_machines(const std::string& name) const {
+    for (const char* key : {"krl.arc", "krl.weave", "krl.recording", "krl.tool_check"}) {
+      const auto it = context.cell.controller.options.find(key);
+      if (it == context.cell.controller.options.end()) continue;
+      for (const std::string& word : reading::words(it->second))
+        if (upper_of(word) == name) return true;
+    }
+    return false;
+  }
+  bool is_sub() const {
+    const auto it = context.cell.controller.options.find("krl.delivery");
+    return it != context.cell.controller.options.end() && it->second == "sub";
+  }
+
   void name_rules(const Line& line, const std::string& name, const std::string& file) {
     if (name != stem_of(file)) f.add("K-01", line, "the name " + name + " is not the file's");
     if (name.size() > 24) f.add("K-01", line, "a name longer than 24 characters");
@@ -115,7 +130,7 @@ struct Linter {
       }
       has_statement = true;
       if (find(t, "#INITMOV") != std::string::npos) {
-        if (!is_main || has_init) f.add("K-04", line, "BAS (#INITMOV) belongs into the main module, once");
+        if (!is_main || has_init || is_sub()) f.add("K-04", line, "BAS (#INITMOV) belongs into the main module, once");
         has_init = true;
       }
       statement(line, t);
@@ -124,7 +139,7 @@ struct Linter {
     if (access != 1 || release != 1) f.add("K-02", where, "&ACCESS and &REL stand once each");
     if (depth != 0 || defs == 0) f.add("K-02", where, "DEF and END do not match");
     if (!folds.empty()) f.add("K-02", where, "FOLD and ENDFOLD do not match");
-    if (is_main && !has_init) f.add("K-04", where, "BAS (#INITMOV,0) is missing");
+    if (is_main && !has_init && !is_sub()) f.add("K-04", where, "BAS (#INITMOV,0) is missing");
     if (body_lines > 3000) f.add("K-13", where, "a module of " + std::to_string(body_lines) + " lines");
   }
 
@@ -229,6 +244,8 @@ struct Linter {
   }
 
   void trigger(const Line& line, const std::vector<Token>& t) {
+    if (const auto path = number_after(t, "PATH"); path && *path != 0 && (*path > 0) != has(t, "ONSTART"))
+      f.add("K-11", line, "a place on the path lies behind the start (ONSTART, above 0) or before the end (below 0)");
     if (++pending > 8) f.add("K-11", line, "more than 8 triggers wait for one motion");
     if (const auto d = number_after(t, "DISTANCE"); d && *d != 0 && *d != 1) f.add("K-11", line, "DISTANCE is 0 or 1");
     if (const auto p = number_after(t, "PRIO")) priority(line, *p, true);
@@ -338,7 +355,8 @@ std::vector<Check> lint(const ProgramText& text, const PostContext& context) {
     if (!upper_of(file.name).ends_with(".SRC")) continue;
     for (const Line& line : raw_lines(file)) {
       const auto t = tokens_of(code_of(line.text));
-      if (t.size() != 3 || t[0].kind != Token::Kind::name || !t[1].is("(") || !t[2].is(")")) continue;
+      const bool is_call = t.size() >= 3 && t.size() <= 4 && t[0].kind == Token::Kind::name && t[1].is("(") && t.back().is(")") && !t[0].is("BAS");
+      if (!is_call || l.is_machines(t[0].text)) continue;
       called.insert(t[0].text);
       if (!l.names.count(t[0].text)) f.add("G-09", line, t[0].text + " is called and not delivered");
     }

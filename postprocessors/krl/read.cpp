@@ -36,6 +36,7 @@ class Reader {
     build_.program.name = std::string(original_name_);
     build_.program.header = main.header;
     run(main);
+    if (is_in_spline_) fail(main.head, "read.missing", "ENDSPLINE is missing");
     if (!armed_at_.text.empty()) fail(armed_at_, "read.trigger", "no motion follows this TRIGGER, so it never fires");
     return std::move(build_.program);
   }
@@ -55,6 +56,8 @@ class Reader {
   std::optional<double> speed_m_s_, apo_mm_;
   std::array<std::optional<double>, 6> percent_;
   std::string fdat_;
+  bool is_in_spline_ = false;
+  int spline_points_ = 0;
   Line armed_at_;                                   // a trigger that waits for its motion
   std::vector<std::pair<Line, std::string>> at_end_of_next_;
 
@@ -68,6 +71,7 @@ class Reader {
       return low.ends_with(e);
     };
     if (ends(".dat")) return load_data(f);
+    if (ends(".cell.txt")) return;  // for the integrator, never loaded
     if (!ends(".src")) fail({&f.name, 0, {}}, "read.file", "a KRL program consists of .src and .dat files");
     Module* open = nullptr;
     bool has_code = false;
@@ -292,6 +296,22 @@ class Reader {
         if (s.name().empty() && !s.accept("(") && !s.accept(")") && !s.accept(":") && !s.accept(",")) s.unknown();
       return;
     }
+    if (s.accept("SPLINE")) {
+      if (is_in_spline_) s.unknown();
+      is_in_spline_ = true, spline_points_ = 0;
+      return;
+    }
+    if (s.accept("ENDSPLINE")) {
+      if (!is_in_spline_) s.unknown();
+      if (spline_points_ < 2) fail(s.line(), "read.spline", "a spline block needs at least two points", spline_points_, 2, "points");
+      is_in_spline_ = false;
+      return;
+    }
+    if (s.accept("SPL")) {
+      if (!is_in_spline_) fail(s.line(), "read.spline", "SPL outside a spline block");
+      return path(s, false, true);
+    }
+    if (is_in_spline_) fail(s.line(), "read.spline", "inside a spline block only SPL is read");
     if (s.accept("WAIT")) return wait(s);
     if (s.accept("TRIGGER")) return trigger(s);
     if (s.accept("CONTINUE")) return;
@@ -310,6 +330,11 @@ class Reader {
     Scanner c = s;
     const std::string name = c.name();
     if (!name.empty() && c.accept("(")) {
+      Scanner e = s;
+      if (equipment(e)) {
+        s = e;
+        return;
+      }
       c.expect(")");
       const auto it = modules_.find(name);
       if (it == modules_.end()) fail(s.line(), "read.call", name + " is called but not among these files");
@@ -322,6 +347,34 @@ class Reader {
       return;
     }
     s.unknown();
+  }
+
+  /// A call of one of the machine's own sub-programs that switch something: ARC_START(3), LOG_START( ).
+  bool equipment(Scanner& s) {
+    const Line line = s.line();
+    const std::string called = s.name();
+    for (const Equipment what : {Equipment::arc, Equipment::weave, Equipment::recording, Equipment::tool_check}) {
+      const auto it = context_.cell.controller.options.find("krl." + std::string(name_of(what)));
+      if (it == context_.cell.controller.options.end()) continue;
+      const auto names = words(it->second);
+      for (std::size_t k = 0; k < names.size() && k < 2; ++k) {
+        std::string name = names[k];
+        for (char& c : name) c = static_cast<char>(c >= 'a' && c <= 'z' ? c - 'a' + 'A' : c);
+        if (name != called) continue;
+        s.expect("(");
+        const int data = what == Equipment::recording ? 0 : s.expect_integer("the number of the data", 1, 255);
+        s.expect(")");
+        if (k == 0) build_.switch_on(line, what, data);
+        else build_.switch_off(line, what, data);
+        return true;
+      }
+    }
+    return false;
+  }
+  std::optional<int> coolant() const {
+    const auto it = context_.cell.controller.options.find("krl.coolant");
+    if (it == context_.cell.controller.options.end()) return std::nullopt;
+    return std::atoi(it->second.c_str());
   }
 
   void basic(Scanner& s) {
@@ -403,6 +456,11 @@ class Reader {
       s.expect("=");
       const bool on = s.accept("TRUE");
       if (!on) s.expect("FALSE");
+      if (n == coolant()) {
+        if (on) build_.switch_on(line, Equipment::coolant, 0);
+        else build_.switch_off(line, Equipment::coolant, 0);
+        return true;
+      }
       build_.digital_output(line, n, on);
       return true;
     }
@@ -415,27 +473,47 @@ class Reader {
     return false;
   }
 
+  /// What a trigger does: an output, or one of the machine's sub-programs.
+  void action(Scanner& s, const Line& line) {
+    if (!output(s, line) && !equipment(s)) s.unknown();
+    if (s.accept("PRIO")) s.expect("="), s.expect_integer("PRIO", -1, 128);
+  }
+
   void trigger(Scanner& s) {
     const Line line = s.line();
-    s.expect("WHEN"), s.expect("DISTANCE"), s.expect("=");
-    const int distance = s.expect_integer("DISTANCE", 0, 1);
+    s.expect("WHEN");
+    int at = 0;  // 0: at the start of the next motion, 1: at its end
+    std::optional<double> path_mm;
+    if (s.accept("PATH")) {
+      s.expect("=");
+      path_mm = s.expect_number("the length");
+      at = s.accept("ONSTART") ? 0 : 1;
+      if (*path_mm != 0 && (*path_mm > 0) == (at == 1))
+        fail(line, "read.trigger", "a place beyond the motion it belongs to cannot be held", *path_mm, 0, "mm");
+    } else {
+      s.expect("DISTANCE"), s.expect("=");
+      at = s.expect_integer("DISTANCE", 0, 1);
+    }
     s.expect("DELAY"), s.expect("=");
     s.expect_integer("a DELAY other than 0 cannot be held in the program; DELAY", 0, 0);
     s.expect("DO");
     armed_at_ = line;
-    if (distance == 0) {
-      if (!output(s, line)) s.unknown();
+    if (path_mm && *path_mm != 0) {
+      s.expect("$OUT");
+      const int n = index(s, 1, 4096);
+      s.expect("=");
+      const bool on = s.accept("TRUE");
+      if (!on) s.expect("FALSE");
+      if (s.accept("PRIO")) s.expect("="), s.expect_integer("PRIO", -1, 128);
+      if (n == coolant()) fail(line, "read.trigger", "the coolant is switched at a place on the path; that cannot be held");
+      build_.output_on_path(line, n, on, *path_mm);
+    } else if (at == 0) {
+      action(s, line);
     } else {
-      const std::string statement(s.rest());
-      at_end_of_next_.push_back({line, statement.substr(0, statement.find("PRIO"))});
-      s.name();
-      while (!s.at_end() && !s.accept("PRIO"))
-        if (s.name().empty() && !s.number() && !s.accept("[") && !s.accept("]") && !s.accept("=")) s.unknown();
-      if (s.at_end()) return;
-      s.expect("="), s.expect_integer("PRIO", -1, 128);
-      return;
+      at_end_of_next_.push_back({line, std::string(s.rest())});
+      while (!s.at_end())  // read when the motion has been
+        if (s.name().empty() && !s.number() && !s.accept("[") && !s.accept("]") && !s.accept("=") && !s.accept("(") && !s.accept(")")) s.unknown();
     }
-    if (s.accept("PRIO")) s.expect("="), s.expect_integer("PRIO", -1, 128);
   }
   void moved() {
     armed_at_ = {};
@@ -443,7 +521,7 @@ class Reader {
     at_end_of_next_.clear();
     for (const auto& [line, statement] : events) {
       Scanner s(line, statement);
-      if (!output(s, line)) s.unknown();
+      action(s, line);
       s.expect_end();
     }
   }
@@ -547,15 +625,18 @@ class Reader {
     std::optional<double> v = speed_m_s_;
     double blend = 0;
     if (is_arc && s.accept(",")) s.expect("CA"), fail(s.line(), "read.unknown", "CIRC with an angle CA is not read");
+    if (is_in_spline_) ++spline_points_;
     if (is_spline && s.accept("WITH")) s.expect("$VEL.CP"), s.expect("="), v = s.expect_number("the speed");
-    if (s.accept(is_spline ? "C_SPL" : "C_DIS")) {
+    if (!is_in_spline_ && s.accept(is_spline ? "C_SPL" : "C_DIS")) {
       if (!apo_mm_) fail(s.line(), "read.undefined", "a rounded motion before $APO.CDIS is set");
       if (!(*apo_mm_ >= 0)) fail(s.line(), "read.range", "$APO.CDIS is negative", *apo_mm_, 0, "mm");
       blend = *apo_mm_;
     }
     if (!v) fail(s.line(), "read.undefined", "a path motion before $VEL.CP is set");
     const auto T = pose_of<frame::Work>(end);
-    if (is_arc)
+    if (is_in_spline_)
+      build_.spline(s.line(), T, *v * 1000.0);
+    else if (is_arc)
       build_.circular(s.line(), pose_of<frame::Work>(via), T, *v * 1000.0, blend);
     else
       build_.linear(s.line(), T, *v * 1000.0, blend);

