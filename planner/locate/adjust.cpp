@@ -7,6 +7,7 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+#include <variant>
 
 namespace asbuilt {
 namespace {
@@ -49,6 +50,16 @@ double hidden_sd(const std::vector<std::pair<double, double>>& readings, double 
     if (balance >= 0 && !readings.empty()) return sd;
   }
   return least;
+}
+
+// Of the faces' deviations: how much of one a free-form face has within itself, and within one patch.
+constexpr double kBendRatio = 0.5, kBendInPatchRatio = 0.15;
+
+bool is_free_form(const CadModel& cad, int face) {
+  if (face < 0 || face >= static_cast<int>(cad.brep->faces.size())) return false;
+  const auto& shape = cad.brep->faces[static_cast<std::size_t>(face)].surface.shape;
+  return !std::holds_alternative<PlaneSurface>(shape) && !std::holds_alternative<CylinderSurface>(shape) &&
+         !std::holds_alternative<ConeSurface>(shape) && !std::holds_alternative<SphereSurface>(shape) && !std::holds_alternative<TorusSurface>(shape);
 }
 
 struct Row {
@@ -149,6 +160,18 @@ class Adjustment {
     }
   }
 
+  /// Of the offset that a patch of this face may have beyond what the face's own parameters say. A free-form face bends: were its
+  /// patches held stiff, a smooth deviation would be explained by a shift of the part along it, many times as large.
+  double patch_sd(int face) const {
+    const AdjustState& s = out_.state;
+    return is_free_form(cad_, face) ? std::max(s.patch_sd_mm, kBendRatio * s.form_sd_mm) : s.patch_sd_mm;
+  }
+
+  double cell_sd(int face) const {
+    const AdjustState& s = out_.state;
+    return is_free_form(cad_, face) ? std::max(s.cell_sd_mm, kBendInPatchRatio * s.form_sd_mm) : s.cell_sd_mm;
+  }
+
   double variance(const Cluster& c) const {
     const double f = out_.state.sensor_factor[static_cast<std::size_t>(request_.cloud->captures[static_cast<std::size_t>(c.capture)].sensor)];
     return f * f * c.variance_mm2;
@@ -169,13 +192,14 @@ class Adjustment {
 
   void reweigh(double slack_mm) {
     residuals();
-    const AdjustState& s = out_.state;
-    const double slack = slack_mm * slack_mm, cell = s.cell_sd_mm * s.cell_sd_mm + slack, patch = s.patch_sd_mm * s.patch_sd_mm + slack;
+    const double slack = slack_mm * slack_mm;
     out_.weight.assign(left_.size(), 1.0);
     out_.residual_mm.assign(left_.size(), 0.0);
     std::vector<double> here;
     for (const auto& [first_cell, last_cell] : patches_) {
       const std::size_t first = cells_[first_cell].first, last = cells_[last_cell - 1].second;
+      const double stiff = patch_sd(out_.clusters[first].face), patch = stiff * stiff + slack;
+      const double own_cell = cell_sd(out_.clusters[first].face), cell = own_cell * own_cell + slack;
       here.assign(left_.begin() + static_cast<std::ptrdiff_t>(first), left_.begin() + static_cast<std::ptrdiff_t>(last));
       double q = last - first >= 3 ? median_of(here) : 0.0;  // the patch's own offset
       for (int pass = 0; pass < 3; ++pass) {
@@ -214,12 +238,12 @@ class Adjustment {
     const int n = 6 + 6 * captures_ + kFace * faces_;
     H_ = Eigen::MatrixXd::Zero(n, n);
     g_ = Eigen::VectorXd::Zero(n);
-    const double cell_information = 1.0 / (out_.state.cell_sd_mm * out_.state.cell_sd_mm);
-    const double patch_information = 1.0 / (out_.state.patch_sd_mm * out_.state.patch_sd_mm);
     SparseRow cell, patch;
     for (const auto& [first_cell, last_cell] : patches_) {
       const int face_at = 6 + 6 * captures_ + kFace * out_.clusters[cells_[first_cell].first].face;
       patch.clear();
+      const double stiff = patch_sd(out_.clusters[cells_[first_cell].first].face), patch_information = 1.0 / (stiff * stiff);
+      const double own_cell = cell_sd(out_.clusters[cells_[first_cell].first].face), cell_information = 1.0 / (own_cell * own_cell);
       double patch_total = patch_information, patch_right = 0;
       for (std::size_t k = first_cell; k < last_cell; ++k) {
         const auto [b, e] = cells_[k];
@@ -345,6 +369,7 @@ class Adjustment {
       }
       if (patch_total <= 0) continue;
       const double mean = patch_sum / patch_total, n = static_cast<double>(offsets.size());
+      if (is_free_form(cad_, out_.clusters[cells_[first_cell].first].face)) continue;
       // Of the patch's own variance as a reading: what its cells' sensors and spread leave, not the patch's deviation.
       patches.emplace_back(mean * mean, 1 / patch_total);
       if (offsets.size() < 3) continue;

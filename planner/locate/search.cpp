@@ -5,7 +5,9 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <optional>
 
 namespace asbuilt {
 namespace {
@@ -29,6 +31,7 @@ struct Descent {
   const Scene& scene;
   Pose<frame::Base, frame::Part> nominal;
   Vec3 play_mm;
+  std::array<std::optional<double>, 3> play_rad;
 
   /// One damped step of point to plane; returns the mean score at the pose it was given.
   double step(Pose<frame::Base, frame::Part>& T, std::size_t count, double reach_mm) const {
@@ -61,6 +64,14 @@ struct Descent {
       const Vec3 off = R * (T.point(cad.center_part) - (nominal * Pose<frame::Part, frame::Part>(nominal.q.conjugate() * T.q, Vec3::Zero())).point(cad.center_part));
       const Vec3 play = play_mm.cwiseMax(2.0);
       for (int a = 0; a < 3; ++a) H(a, a) += 0.05 * n / (play[a] * play[a]), g[a] -= 0.05 * n * off[a] / (play[a] * play[a]);
+      const double held_rad = std::max({play_rad[0].value_or(kPi), play_rad[1].value_or(kPi), play_rad[2].value_or(kPi)});
+      if (held_rad < rad_from_deg(45)) {  // small turns only: with a free axis the three do not come apart
+        const Vec3 turned = quat_log(nominal.q.conjugate() * T.q) * lever;
+        for (int a = 0; a < 3; ++a) {
+          const double turn = std::max(*play_rad[static_cast<std::size_t>(a)], rad_from_deg(1)) * lever;
+          H(3 + a, 3 + a) += 0.05 * n / (turn * turn), g[3 + a] -= 0.05 * n * turned[a] / (turn * turn);
+        }
+      }
     }
     const Vec6 x = H.ldlt().solve(g);
     const Eigen::Quaterniond turn = quat_exp(x.tail<3>() / lever);
@@ -130,14 +141,19 @@ std::vector<Pose<frame::Base, frame::Part>> starts(const FixtureSpec& fixture) {
 
 std::vector<Candidate> descend(const CadModel& cad, const Scene& scene, const FixtureSpec& fixture) {
   const Pose<frame::Base, frame::Part> nominal = fixture.T_base_fixture * fixture.T_fixture_part;
-  Descent descent{cad, scene, nominal, fixture.play_mm};
+  Descent descent{cad, scene, nominal, fixture.play_mm, fixture.play_rad};
   int free_count = 0;
   for (const auto& p : fixture.play_rad) free_count += !p || *p > rad_from_deg(175);
   const std::vector<Pose<frame::Base, frame::Part>> from = starts(fixture);
   std::vector<Candidate> all(from.size());
-  const std::size_t few = std::min<std::size_t>(scene.points.size(), 200), some = std::min<std::size_t>(scene.points.size(), 1000);
+  const std::size_t few = std::min<std::size_t>(scene.points.size(), from.size() > 60 ? 200 : 2000), some = std::min<std::size_t>(scene.points.size(), 1000);
   const std::size_t many = std::min<std::size_t>(scene.points.size(), 4000);
   tbb::parallel_for(std::size_t{0}, from.size(), [&](std::size_t i) { all[i] = descent.descend_from(from[i], few, {30, 20}, 4); });
+  if (free_count < 2) {  // and gently: on a low part a long reach can pull a start that was nearly right off sideways
+    std::vector<Candidate> gentle(from.size());
+    tbb::parallel_for(std::size_t{0}, from.size(), [&](std::size_t i) { gentle[i] = descent.descend_from(from[i], few, {10, 6}, 4); });
+    all.insert(all.end(), gentle.begin(), gentle.end());
+  }
   keep_best(all, cad.center_part, free_count >= 2 ? 300 : 120);
   tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) { all[i] = descent.descend_from(all[i].T_base_part, some, {20, 14, 10, 7, 5}, 3); });
   keep_best(all, cad.center_part, 60);
@@ -149,7 +165,7 @@ std::vector<Candidate> descend(const CadModel& cad, const Scene& scene, const Fi
 void settle_turn(const CadModel& cad, const Scene& scene, const FixtureSpec& fixture, const std::vector<Vec3>& sensor_base, std::size_t rays_max,
                  Candidate& candidate) {
   const Pose<frame::Base, frame::Part> nominal = fixture.T_base_fixture * fixture.T_fixture_part;
-  const Descent descent{cad, scene, nominal, fixture.play_mm};
+  const Descent descent{cad, scene, nominal, fixture.play_mm, fixture.play_rad};
   const std::size_t some = std::min<std::size_t>(scene.points.size(), 1000);
   for (int axis = 0; axis < 3; ++axis) {
     if (fixture.play_rad[static_cast<std::size_t>(axis)].value_or(kPi) < rad_from_deg(4.0)) continue;
