@@ -89,7 +89,7 @@ Vec3 rms_over(const std::vector<PoseQuality>& all, bool is_held_out) {
 
 /// Best of the starts that settles: the caller's, the linear one, and random ones around the best so far while none does.
 SolveReport best_solve(ProfilometerProblem& problem, const std::vector<ProfilometerState>& starts, int& restart_count) {
-  constexpr double kSettled = 4;  // squared residuals per number, outliers included
+  constexpr double kSure = 1.3, kSettled = 4;  // squared residuals per number, outliers included
   SolveReport best;
   best.cost = 1e300;
   double best_cost = 1e300;
@@ -97,8 +97,9 @@ SolveReport best_solve(ProfilometerProblem& problem, const std::vector<Profilome
     const SolveReport r = solve_joint(problem, s);
     const double c = cost_per_residual(problem, r);
     if (c < best_cost || (best_cost == 1e300 && r.cost < best.cost)) best = r, best_cost = c;
-    if (best_cost < kSettled) return best;
+    if (best_cost < kSure) return best;
   }
+  if (best_cost < kSettled) return best;
   Random random = Random::stream(problem.recipe->seed, "restarts");
   const ParameterTable table = parameter_table(problem);
   const ProfilometerState around = best.state;
@@ -157,7 +158,8 @@ Result<Done<ProfilometerCalibration>> calibrate_profilometer(const ProfilometerR
   if (start && start->intrinsics.model == (is_camera ? ProfilometerModel::camera : ProfilometerModel::plane_map)) starts.push_back(*start);
   if (linear) starts.push_back(is_camera ? camera_from_plane_map(*linear, *sheet) : *linear);
   for (ProfilometerState& s : starts) s.latency_s = recipe.latency_s;
-  if (starts.empty()) return refuse(said("calibrate.too_few_poses", "captures", "too few holes for a start: add passes", 0, 12, "holes"));
+  if (starts.empty())
+    return refuse(said("calibrate.not_converged", "captures", "no start can be found: poses or holes are not numbers, or all alike; check the poses of the captures", 0, 1, "starts"));
 
   SolveReport solved = best_solve(problem, starts, out.restart_count);
   for (int round = 0; round < 5 && solved.is_converged; ++round) {

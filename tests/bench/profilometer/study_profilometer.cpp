@@ -1,0 +1,303 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+// Studies of the profilometer's calibration on simulated captures with fixed seeds; each prints a table.
+//   study_profilometer published [N]     error of the field and of a measured seam beside the Cramer-Rao bound, published and own poses
+//   study_profilometer convergence [N]   from starts 10 % and 30 % off
+//   study_profilometer coverage [N]      95 % bands against the truth
+//   study_profilometer faults [N]        faults planted, what is said
+#include <fmt/format.h>
+
+#include <Eigen/Dense>
+#include <cstdlib>
+#include <cstring>
+#include <map>
+
+#include "planner/calibrate/profilometer_observe.hpp"
+#include "planner/calibrate/profilometer_start.hpp"
+#include "tests/support/profilometer_rig.hpp"
+
+using namespace asbuilt;
+
+namespace {
+
+struct Setting {
+  const char* name;
+  double tilt_deg;
+  bool has_roll, is_both_ways;
+};
+const Setting kSettings[] = {{"published: 15 poses, 10 deg, one way", 10, false, false},
+                             {"15 poses, 10 deg, both ways", 10, false, true},
+                             {"15 poses, 30 deg, both ways", 30, false, true},
+                             {"45 poses, 30 deg, turned 0/90/180, both ways", 30, true, true}};
+
+std::vector<simulate::ProfilometerPass> all_passes(const simulate::ProfilometerCell& c, const Setting& s) {
+  auto passes = rig::passes_of(c, simulate::published_stands(rad_from_deg(s.tilt_deg), s.has_roll, s.is_both_ways));
+  for (const auto& p : rig::held_out_passes(c, rad_from_deg(s.tilt_deg), s.is_both_ways, passes.back().pose + 1)) passes.push_back(p);
+  return passes;
+}
+
+ProfilometerRecipe recipe_for(const simulate::ProfilometerCell& c, const Setting& s) {
+  ProfilometerRecipe r = rig::recipe_of(c);
+  if (!s.is_both_ways) r.latency = LatencyChoice::known, r.latency_s = c.latency_s, r.latency_sd_s = 1e-5;
+  r.field_sd_max_mm = 1;
+  return r;
+}
+
+ProfilometerProblem problem_of(const ProfilometerRecipe& r, const HolePlate& plate, const std::vector<HoleView>& views) {
+  ProfilometerProblem p{&r, &plate, {}, camera_parameters(rig::sheet())};
+  for (const PoseGroup& g : grouped(views))
+    if (!g.is_held_out) p.groups.push_back(g);
+  return p;
+}
+
+/// A seam seen from seven poses (reference, higher, lower, tilted either way about both axes): difference of its place to the reference.
+/// Rows: y and z of the plate's frame for six poses; J by the parameters.
+struct Seam {
+  Eigen::VectorXd place;
+  Eigen::MatrixXd J;
+};
+Seam seam_of(const simulate::ProfilometerCell& c, const ProfilometerState& s) {
+  const double t = rad_from_deg(8);
+  const std::vector<simulate::ProfilometerStand> stands{{0}, {30}, {-30}, {0, t}, {0, -t}, {0, 0, t}, {0, 0, -t}};
+  Eigen::Matrix<double, 2, Eigen::Dynamic> J_reference;
+  Vec2 reference = Vec2::Zero();
+  Seam out{Eigen::VectorXd(12), Eigen::MatrixXd(12, s.intrinsics.values.size() + 13)};
+  const Vec3 middle = 0.5 * (hole_center(c.plate, 0, 0) + hole_center(c.plate, c.plate.columns_count - 1, c.plate.rows_count - 1));
+  for (std::size_t k = 0; k < stands.size(); ++k) {
+    const auto pass = simulate::pass_of(c, stands[k], 0, 100, 40);
+    // the seam's point crosses the light half way: true pixel, true flange
+    const auto T_base_flange = Pose<frame::Base, frame::Flange>(pass.T_base_flange.q, pass.T_base_flange.p_mm + 50 * pass.velocity_base_mm_s.normalized());
+    const Vec3 p_sensor = (T_base_flange * c.T_flange_sensor).inverse().point(c.T_base_target.point(middle));
+    const Vec3 way = (T_base_flange * c.T_flange_sensor).q.conjugate() * pass.velocity_base_mm_s.normalized();
+    const double by = p_sensor.y() / way.y();
+    const Vec3 q = p_sensor - way * by;
+    Vec2 uv;
+    simulate::project(c.device, {q.x(), q.z()}, uv);
+    Eigen::Matrix<double, 3, Eigen::Dynamic> J;
+    const Vec3 p_flange = flange_point(s, uv, &J);
+    const Mat3 R = (c.T_base_target.q.conjugate() * T_base_flange.q).toRotationMatrix();
+    const Vec2 place = (R * p_flange + c.T_base_target.q.conjugate() * (T_base_flange.p_mm + by * pass.velocity_base_mm_s.normalized())).tail<2>();
+    const Eigen::Matrix<double, 2, Eigen::Dynamic> Jk = (R * J).bottomRows<2>();
+    if (k == 0) {
+      reference = place, J_reference = Jk;
+      continue;
+    }
+    out.place.segment<2>(2 * Eigen::Index(k - 1)) = place - reference;
+    out.J.middleRows(2 * Eigen::Index(k - 1), 2) = Jk - J_reference;
+  }
+  return out;
+}
+
+void published(int count) {
+  fmt::print("{} calibrations each; robot 0.06 mm + 0.01 deg per pose and axis, hole 0.008 mm; 437 holes. rms error (bound, ratio)\n", count);
+  fmt::print("{:<46} {:>24} {:>24} {:>24} {:>24} {:>24} {:>20} {:>8}\n", "", "field x mm", "field y mm", "field z mm", "seam across mm", "seam depth mm", "hand-eye mm / deg", "held-out");
+  for (const Setting& s : kSettings) {
+    double error[5] = {}, bound[5] = {}, field_n = 0, seam_n = 0, shift = 0, turn = 0, held = 0;
+    int refused = 0;
+    for (int k = 0; k < count; ++k) {
+      const auto c = rig::profilometer_cell(1000 + std::uint64_t(k));
+      const auto recipe = recipe_for(c, s);
+      const auto passes = all_passes(c, s);
+      const auto views = rig::views_of(c, passes, 1000 + std::uint64_t(k));
+      const auto r = calibrate_profilometer(recipe, c.plate, views, rig::sheet());
+      if (!r) {
+        ++refused;
+        fmt::print("  {}: {}: {}\n", k, r.error().front().code, r.error().front().message);
+        continue;
+      }
+      // Cramer and Rao: information at the truth, without noise, priors as stated
+      auto quiet = c;
+      quiet.robot_sd_mm = quiet.robot_sd_rad = quiet.repeat_sd_mm = quiet.repeat_sd_rad = 0, quiet.hole_sd_mm = 1e-9;
+      auto exact = rig::views_of(quiet, passes, 1);
+      for (auto& v : exact)
+        for (auto& h : v.holes) h.sd_target_mm = Vec3(c.hole_sd_mm, c.hole_sd_mm, 0.5 * c.hole_sd_mm);
+      HolePlate plate = c.plate;
+      plate.sd_mm = 0;  // the simulated plate is exact
+      ProfilometerProblem problem = problem_of(recipe, plate, exact);
+      const auto truth = rig::truth_of(c);
+      const Eigen::MatrixXd C = covariance_of(information_of(problem, truth), parameter_table(problem).size);
+      const auto& found = r->artefact.state;
+      for (const Vec2& uv : field_points(problem, {})) {
+        Eigen::Matrix<double, 3, Eigen::Dynamic> J;
+        const Vec3 p = flange_point(truth, uv, &J);
+        const Mat3 R = c.T_flange_sensor.rotation();
+        const Vec3 e = R.transpose() * (flange_point(found, uv) - p);
+        const Mat3 B = R.transpose() * J * C * J.transpose() * R;
+        for (int a = 0; a < 3; ++a) error[a] += e[a] * e[a], bound[a] += B(a, a);
+        ++field_n;
+      }
+      const Seam is = seam_of(c, found), real = seam_of(c, truth);
+      const Eigen::VectorXd e = is.place - real.place;
+      const Eigen::VectorXd b = (real.J * C * real.J.transpose()).diagonal();
+      for (Eigen::Index i = 0; i < e.size(); ++i) error[3 + i % 2] += e[i] * e[i], bound[3 + i % 2] += b[i];
+      seam_n += 6;
+      const Vec6 d = twist_between(c.T_flange_sensor, found.T_flange_sensor);
+      shift += d.head<3>().squaredNorm(), turn += d.tail<3>().squaredNorm(), held += r->artefact.held_out_rms_mm.squaredNorm();
+    }
+    fmt::print("{:<46}", s.name);
+    for (int a = 0; a < 5; ++a) {
+      const double n = a < 3 ? field_n : seam_n, e = std::sqrt(error[a] / n), b = std::sqrt(bound[a] / n);
+      fmt::print(" {:>24}", fmt::format("{:.4f} ({:.4f}, {:.2f})", e, b, e / b));
+    }
+    const double n = count - refused;
+    fmt::print(" {:>20} {:>8.3f}  refused {}\n", fmt::format("{:.3f} / {:.4f}", std::sqrt(shift / n), deg_from_rad(std::sqrt(turn / n))), std::sqrt(held / n), refused);
+  }
+}
+
+/// A start whose numbers are all off by up to `ratio` of themselves: lens and plane, hand-eye, target.
+ProfilometerState disturbed(const ProfilometerState& truth, double ratio, Random& random) {
+  ProfilometerState s = truth;
+  auto off = [&] { return 1 + random.uniform(-ratio, ratio); };
+  for (double& v : s.intrinsics.values) v *= off();
+  s.intrinsics.values[1] = truth.intrinsics.values[1], s.intrinsics.values[2] = truth.intrinsics.values[2];  // the pixel is known
+  auto pose = [&](auto& T) {
+    for (double& v : T.p_mm) v *= off();
+    const Vec3 w = quat_log(T.q);
+    T.q = quat_exp(Vec3(w.x() * off(), w.y() * off(), w.z() * off()));
+  };
+  pose(s.T_flange_sensor), pose(s.T_base_target);
+  return s;
+}
+
+void convergence(int count) {
+  fmt::print("published setting, {} starts each: ends within 0.001 mm of the solution from the truth\n", count);
+  for (const double ratio : {0.1, 0.3}) {
+    int plain = 0, whole = 0, restarts = 0;
+    for (int k = 0; k < count; ++k) {
+      auto c = rig::profilometer_cell(2000 + std::uint64_t(k));
+      c.plate.columns_count = 12, c.plate.rows_count = 10, c.plate.pitch_mm = 8, c.plate.large = {{{5, 4}, {8, 4}, {5, 6}}};
+      const auto recipe = recipe_for(c, kSettings[0]);
+      const auto views = rig::views_of(c, all_passes(c, kSettings[0]), 2000 + std::uint64_t(k));
+      ProfilometerProblem problem = problem_of(recipe, c.plate, views);
+      const auto truth = rig::truth_of(c);
+      const auto best = solve_joint(problem, truth);
+      Random random = Random::stream(std::uint64_t(k), "start");
+      const auto start = disturbed(truth, ratio, random);
+      auto agrees = [&](const ProfilometerState& s) {
+        double worst = 0;
+        for (const Vec2& uv : field_points(problem, {})) worst = std::max(worst, (flange_point(s, uv) - flange_point(best.state, uv)).norm());
+        return worst < 1e-3;
+      };
+      const auto alone = solve_joint(problem, start);
+      plain += alone.is_converged && agrees(alone.state);
+      const auto r = calibrate_profilometer(recipe, c.plate, views, rig::sheet(), start);
+      if (r) {
+        // its own robust rounds may weigh holes down: compared with the solution from the truth under the same function
+        const auto again = calibrate_profilometer(recipe, c.plate, views, rig::sheet(), truth);
+        double worst = 0;
+        for (const Vec2& uv : field_points(problem, {})) worst = std::max(worst, (flange_point(r->artefact.state, uv) - flange_point(again->artefact.state, uv)).norm());
+        whole += worst < 1e-3, restarts += r->artefact.restart_count;
+      } else {
+        fmt::print("  {}: {}: {}\n", k, r.error().front().code, r.error().front().message);
+      }
+    }
+    fmt::print("{:.0f} % off: one solve from that start {} of {}; calibrate_profilometer {} of {}, {} random restarts\n", 100 * ratio, plain, count, whole, count, restarts);
+  }
+}
+
+void coverage(int count) {
+  fmt::print("{} calibrations, truth inside the 95 % band (49 points of the field, 3 axes; seam; latency)\n", count);
+  for (const int which : {1, 3}) {
+    const Setting& s = kSettings[which];
+    double in[5] = {}, n[5] = {};
+    int refused = 0;
+    const int runs = which == 3 ? std::max(1, count / 5) : count;
+    for (int k = 0; k < runs; ++k) {
+      auto c = rig::profilometer_cell(5000 + std::uint64_t(k));
+      c.plate.columns_count = 12, c.plate.rows_count = 10, c.plate.pitch_mm = 8, c.plate.large = {{{5, 4}, {8, 4}, {5, 6}}}, c.plate.sd_mm = 0;
+      const auto recipe = recipe_for(c, s);
+      const auto views = rig::views_of(c, all_passes(c, s), 5000 + std::uint64_t(k));
+      const auto r = calibrate_profilometer(recipe, c.plate, views, rig::sheet());
+      if (!r) {
+        ++refused;
+        continue;
+      }
+      const auto& a = r->artefact;
+      const auto truth = rig::truth_of(c);
+      ProfilometerProblem problem = problem_of(recipe, c.plate, views);
+      for (const Vec2& uv : field_points(problem, {})) {
+        Eigen::Matrix<double, 3, Eigen::Dynamic> J;
+        const Vec3 e = flange_point(a.state, uv, &J) - flange_point(truth, uv);
+        const Mat3 R = c.T_flange_sensor.rotation();
+        const Vec3 es = R.transpose() * e;
+        const Mat3 S = R.transpose() * J * a.covariance * J.transpose() * R;
+        for (int i = 0; i < 3; ++i) in[i] += std::abs(es[i]) < 1.96 * std::sqrt(S(i, i)), ++n[i];
+      }
+      const Seam is = seam_of(c, a.state), real = seam_of(c, truth);
+      const Eigen::VectorXd sd = (is.J * a.covariance * is.J.transpose()).diagonal().cwiseSqrt(), e = is.place - real.place;
+      for (Eigen::Index i = 0; i < e.size(); ++i) in[3] += std::abs(e[i]) < 1.96 * sd[i], ++n[3];
+      in[4] += std::abs(a.state.latency_s - c.latency_s) < 1.96 * a.latency_sd_s, ++n[4];
+    }
+    fmt::print("{:<46} {} runs: x {:.1f} %  y {:.1f} %  z {:.1f} %  seam {:.1f} %  latency {:.1f} %  refused {}\n", s.name, runs, 100 * in[0] / n[0], 100 * in[1] / n[1], 100 * in[2] / n[2],
+               100 * in[3] / n[3], 100 * in[4] / n[4], refused);
+  }
+}
+
+void faults(int count) {
+  struct Fault {
+    const char* name;
+    std::function<void(simulate::ProfilometerCell&, Random&)> plant;
+    const char* expected;
+  };
+  auto turn = [](double mm, double deg) {
+    return [=](simulate::ProfilometerCell& c, Random& r) {
+      Vec3 d(r.normal(), r.normal(), r.normal()), w(r.normal(), r.normal(), r.normal());
+      c.moved_from = 20 + 2 * int(r.below(20));
+      c.moved_by << mm * d.normalized(), rad_from_deg(deg) * w.normalized();
+    };
+  };
+  const std::vector<Fault> all{
+      {"none", [](auto&, Random&) {}, "none"},
+      {"sensor moved 0.2 mm between captures", turn(0.2, 0), "calibrate.sensor_moved"},
+      {"sensor moved 0.1 deg between captures", turn(0, 0.1), "calibrate.sensor_moved"},
+      {"one pose wrong by 1 mm", [](auto& c, Random& r) { c.wrong_pose = 3 + int(r.below(30)), c.wrong_by[int(r.below(3))] = 1; }, "calibrate.pose_left_out"},
+      {"one pose wrong by 0.3 deg", [](auto& c, Random& r) { c.wrong_pose = 3 + int(r.below(30)), c.wrong_by[3 + int(r.below(3))] = rad_from_deg(0.3); }, "calibrate.pose_left_out"},
+      {"plate 0.3 % larger than its file", [](auto& c, Random&) { c.plate_scale_ratio = 1.003; }, "calibrate.plate_scale"},
+      {"file of a plate with another pitch", [](auto& c, Random&) { c.plate_scale_ratio = 15.0 / 8; }, "calibrate.plate_scale"},
+      {"trigger 12 ms late", [](auto& c, Random&) { c.latency_s = 0.012; }, "calibrate.latency"}};
+  fmt::print("{} runs each, 45 poses, 20 deg, turned, both ways; robot 0.06 mm + 0.01 deg\n", count);
+  for (const Fault& f : all) {
+    std::map<std::string, int> said;
+    int right_place = 0;
+    for (int k = 0; k < count; ++k) {
+      auto c = rig::profilometer_cell(8000 + std::uint64_t(k));
+      c.plate.columns_count = 12, c.plate.rows_count = 10, c.plate.pitch_mm = 8, c.plate.large = {{{5, 4}, {8, 4}, {5, 6}}};
+      const auto recipe = rig::recipe_of(c);
+      Random r = Random::stream(std::uint64_t(k), f.name);
+      if (!std::strcmp(f.expected, "none")) c.latency_s = 0;
+      f.plant(c, r);
+      const auto result = calibrate_profilometer(recipe, c.plate, rig::views_of(c, all_passes(c, {"", 20, true, true}), 8000 + std::uint64_t(k)), rig::sheet());
+      std::string codes;
+      if (!result) {
+        codes = result.error().front().code;
+        if (c.moved_from >= 0) right_place += result.error().front().where == fmt::format("between pose {} and pose {}", c.moved_from / 2, c.moved_from / 2 + 1);
+      } else {
+        for (const Note& n : result->notes)
+          if (n.code != "calibrate.open_direction" && codes.find(n.code) == std::string::npos) codes += (codes.empty() ? "" : " + ") + n.code;
+        if (codes.empty()) codes = "none";
+        for (const Note& n : result->notes)
+          if (n.code == "calibrate.pose_left_out") right_place += n.where == fmt::format("pose {}", c.wrong_pose + 1);
+        if (!std::strcmp(f.expected, "calibrate.latency")) right_place += std::abs(result->artefact.state.latency_s - 0.012) < 3 * result->artefact.latency_sd_s;
+      }
+      ++said[codes];
+    }
+    fmt::print("{:<40} expected {:<26}", f.name, f.expected);
+    for (const auto& [code, n] : said) fmt::print(" {} x{}", code, n);
+    if (right_place) fmt::print("  right place or number {}", right_place);
+    fmt::print("\n");
+  }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const std::string what = argc > 1 ? argv[1] : "";
+  const int count = argc > 2 ? std::atoi(argv[2]) : 0;
+  if (what == "published") published(count ? count : 100);
+  else if (what == "convergence") convergence(count ? count : 200);
+  else if (what == "coverage") coverage(count ? count : 500);
+  else if (what == "faults") faults(count ? count : 20);
+  else {
+    fmt::print("study_profilometer published | convergence | coverage | faults [count]\n");
+    return 2;
+  }
+}
