@@ -226,7 +226,7 @@ Result<Done<Brep>> read_step(std::string_view bytes, const std::string& name, co
   }
   Tolerance tolerance;
   tolerance.chord_mm = options.chord_mm > 0 ? options.chord_mm : std::clamp(1e-4 * diagonal, 0.001, 0.02);
-  tolerance.chord_mm = std::max(tolerance.chord_mm, 1e-6 * diagonal);
+  tolerance.chord_mm = std::max(tolerance.chord_mm, 5e-6 * diagonal);
   tolerance.angle_rad = options.angle_rad > 0 ? options.angle_rad : 0.1745;
 
   timing.topology_s = lap();
@@ -248,13 +248,15 @@ Result<Done<Brep>> read_step(std::string_view bytes, const std::string& name, co
                    .limit = kPlacedFacesLimit,
                    .unit = "faces",
                    .stage = "input"});
-  const double edge_step_mm = std::max(options.edge_step_mm, 1e-3) * std::max(1.0, samples / 1e6);
+  const double edge_step_mm = std::max(options.edge_step_mm, 1e-3) * std::max(1.0, samples / 2e5);
 
+  double chord_max_mm = tolerance.chord_mm;
   for (auto& [id, body] : bodies) {
     BodyMesh mesh;
     if (options.want_mesh) {
       mesh = tessellate(body, tolerance);
       orient_shells(body, mesh, done.notes, name);
+      chord_max_mm = std::max(chord_max_mm, mesh.chord_max_mm);
     }
     timing.mesh_s += lap();
     const std::vector<BrepEdge> edges = classify_edges(body, edge_step_mm, rad_from_deg(10));
@@ -273,7 +275,12 @@ Result<Done<Brep>> read_step(std::string_view bytes, const std::string& name, co
         out.box.extend(use.T_root_body * Vec3(k & 1 ? box.max_mm.x() : box.min_mm.x(), k & 2 ? box.max_mm.y() : box.min_mm.y(), k & 4 ? box.max_mm.z() : box.min_mm.z()));
     }
   for (const Vec3& v : out.mesh.vertices) out.box.extend(v);
-  out.chord_max_mm = tolerance.chord_mm;
+  out.chord_max_mm = chord_max_mm;
+  if (chord_max_mm > tolerance.chord_mm)
+    done.notes.push_back({Note::Level::warning, "step.chord_not_held",
+                          "the mesh would need too many points: its chords leave the surfaces by up to " + std::to_string(chord_max_mm) + " mm, asked were " +
+                              std::to_string(tolerance.chord_mm) + " mm",
+                          name});
   out.open_edges_count = count_open_edges(out.mesh.triangles);
   timing.mesh_s += lap();
   if (options.timing) *options.timing = timing;

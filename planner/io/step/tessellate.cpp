@@ -12,7 +12,7 @@
 namespace asbuilt::step {
 namespace {
 
-constexpr std::size_t kVerticesLimit = 4'000'000;  // of one body; past it faces keep their border samples only
+constexpr std::size_t kVerticesLimit = 1'000'000;  // of one body; past it faces keep what they have and say how far off they are
 
 struct Step {
   double u = 1e300, v = 1e300;  // parameter steps that keep chord and angle
@@ -133,6 +133,7 @@ class FaceMesher {
       const SurfaceJet j = evaluate_jet(*chart.surface, mid.x(), mid.y());
       const double nu = std::max(j.du.norm(), 1e-12), nv = std::max(j.dv.norm(), 1e-12);
       want_grid = s.u < uv_high.x() - uv_low.x() && s.v < uv_high.y() - uv_low.y();
+      is_doubly_curved_ = s.u < 1e200 && s.v < 1e200;
       constexpr double stretch = 8;
       double lu = s.u * nu, lv = s.v * nv;
       if (lu > 1e200 && lv > 1e200) lu = lv = 1;
@@ -192,11 +193,12 @@ class FaceMesher {
       }
     };
     extend();
+    if (is_check_) return true;
     if (want_grid && mesh_.vertices.size() < kVerticesLimit) grid(chart, planar, low, high);
     extend();
     PlanarMesh::Inside in = planar.inside();
     if (!chart.is_plane) {
-      std::size_t budget = std::min<std::size_t>(40000, mesh_.vertices.size() > kVerticesLimit ? 0 : kVerticesLimit - mesh_.vertices.size());
+      std::size_t budget = std::min<std::size_t>(200'000, mesh_.vertices.size() > kVerticesLimit ? 0 : kVerticesLimit - mesh_.vertices.size());
       for (int round = 0; round < 40; ++round) {
         std::vector<Vec2> more;
         for (std::size_t t = 0; t < in.triangles.size(); ++t) refine(chart, q, id, in.triangles[t], in.is_border[t], more);
@@ -210,7 +212,10 @@ class FaceMesher {
         }
         std::sort(more.begin(), more.end(), [](const Vec2& a, const Vec2& b) { return a.x() != b.x() ? a.x() < b.x() : a.y() < b.y(); });
         more.erase(std::unique(more.begin(), more.end(), [](const Vec2& a, const Vec2& b) { return (a - b).norm() < 1e-9; }), more.end());
-        if (more.size() > budget) more.resize(budget);
+        if (more.size() > budget) {
+          for (const auto& [side, excess] : checked_) mesh_.chord_max_mm = std::max(mesh_.chord_max_mm, 0.9 * tol_.chord_mm * static_cast<double>(excess));
+          more.resize(budget);
+        }
         budget -= more.size();
         planar.insert(more);
         extend();
@@ -314,7 +319,7 @@ class FaceMesher {
 
   void grid(const Chart& chart, PlanarMesh& planar, const Vec2& low, const Vec2& high) const {
     const Vec2 a = low.cwiseProduct(chart.scale), b = high.cwiseProduct(chart.scale);
-    double step = 1;
+    double step = is_doubly_curved_ ? 0.75 : 1;  // the middle of a cell is off by what both directions leave
     while ((b.x() - a.x()) / step * ((b.y() - a.y()) / step) > 60000) step *= 1.5;
     std::vector<Vec2> points;
     int row = 0;
@@ -378,6 +383,7 @@ class FaceMesher {
   BodyMesh& mesh_;
   double area_ = 0, volume_ = 0;
   int wanted_count_ = 0;
+  bool is_doubly_curved_ = false;
   std::unordered_map<std::uint64_t, float> checked_;  // side -> what it exceeds the tolerances by
   std::unordered_set<std::uint64_t> good_;            // triangles whose centre has been looked at
   std::vector<Vec3> normals_;                         // of chart points; 2, 2, 2: not yet known
@@ -385,6 +391,7 @@ class FaceMesher {
  public:
   int crossings_ = 0;
   std::map<std::size_t, std::vector<double>>* wanted_ = nullptr;  // edge -> parameters; null in the last round
+  bool is_check_ = false;                                         // borders only: no triangles are made
 };
 
 /// Best-fit plane of the border: keeps the shell closed where the exact surface could not be used.
@@ -443,8 +450,9 @@ bool flat_fallback(const Body& body, int face, BodyMesh& mesh) {
 namespace {
 
 /// One round; `wanted` collects samples that would keep borders from crossing.
-BodyMesh tessellate_once(Body& body, const Tolerance& tol, std::map<std::size_t, std::vector<double>>* wanted) {
+BodyMesh tessellate_once(Body& body, const Tolerance& tol, std::map<std::size_t, std::vector<double>>* wanted, bool is_check) {
   BodyMesh mesh;
+  mesh.chord_max_mm = tol.chord_mm;
   sample_edges(body, tol, mesh.vertices);
   Box3 box;
   for (const Vec3& v : mesh.vertices) box.extend(v);
@@ -455,18 +463,18 @@ BodyMesh tessellate_once(Body& body, const Tolerance& tol, std::map<std::size_t,
     std::string why = f.fault;
     if (f.surface >= 0) {
       FaceMesher m(body, static_cast<int>(k), tol, mesh);
-      m.wanted_ = wanted;
+      m.wanted_ = wanted, m.is_check_ = is_check;
       why.clear();
       if (m.run(why)) {
         if (m.crossings_ > 0 && f.fault.empty()) f.fault = "its border crosses itself " + std::to_string(m.crossings_) + " times";
         continue;
       }
     }
+    if (is_check) continue;
     if (f.loops.empty() || !flat_fallback(body, static_cast<int>(k), mesh)) why += "; left out of the mesh";
     else why += "; meshed flat";
     f.fault = why;
   }
-  mesh.chord_max_mm = tol.chord_mm;
   return mesh;
 }
 
@@ -475,17 +483,24 @@ BodyMesh tessellate_once(Body& body, const Tolerance& tol, std::map<std::size_t,
 BodyMesh tessellate(Body& body, const Tolerance& tol) {
   std::vector<std::string> faults;
   for (const TopoFace& f : body.faces) faults.push_back(f.fault);
-  for (int round = 0; round < 5; ++round) {
+  const auto forget = [&] {
+    for (std::size_t k = 0; k < body.faces.size(); ++k) body.faces[k].fault = faults[k];
+  };
+  for (int round = 0; round < 5; ++round) {  // the first and the last with triangles, those between look at borders only
     std::map<std::size_t, std::vector<double>> wanted;
-    BodyMesh mesh = tessellate_once(body, tol, &wanted);
-    if (wanted.empty()) return mesh;
+    BodyMesh mesh = tessellate_once(body, tol, &wanted, round > 0);
+    if (wanted.empty()) {
+      if (round == 0) return mesh;
+      break;
+    }
     for (const auto& [edge, t] : wanted) {
       auto& extra = body.edges[edge].t_extra;
       extra.insert(extra.end(), t.begin(), t.end());
     }
-    for (std::size_t k = 0; k < body.faces.size(); ++k) body.faces[k].fault = faults[k];
+    forget();
   }
-  return tessellate_once(body, tol, nullptr);
+  forget();
+  return tessellate_once(body, tol, nullptr, false);
 }
 
 int count_open_edges(const std::vector<std::array<int, 3>>& triangles) {
