@@ -34,6 +34,9 @@ class ModelReader {
         seen_here_.clear();
         gather(rep, Eigen::Affine3d::Identity(), "", 0, true);
       }
+    if (model_.bodies.empty() && loose_.empty() && model_.tessellated.empty())  // bodies no representation holds
+      for (const Instance& i : f_.instances)
+        if (i.record_count > 0 && is_body(i) && model_.bodies.size() < kBodiesLimit) model_.bodies.push_back({i.id, {}, Eigen::Affine3d::Identity(), ""});
     if (model_.bodies.empty()) model_.bodies = std::move(loose_);
     if (!model_.bodies.empty()) model_.units = model_.bodies.front().units;
     else if (!model_.tessellated.empty()) model_.units = model_.tessellated.front().units;

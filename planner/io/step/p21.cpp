@@ -142,16 +142,19 @@ class Parser {
     if (file_.faults.size() < 100) file_.faults.push_back({line_, id, std::move(what)});
   }
 
+  void count_line() {  // LF, CR LF, or CR alone
+    if (*p_ == '\n' || (*p_ == '\r' && (p_ + 1 >= end_ || p_[1] != '\n'))) ++line_;
+  }
   void skip() {
     for (;;) {
       while (p_ < end_ && (kClass[static_cast<std::uint8_t>(*p_)] & c_space)) {
-        if (*p_ == '\n') ++line_;
+        count_line();
         ++p_;
       }
       if (p_ + 1 < end_ && *p_ == '/' && p_[1] == '*') {
         p_ += 2;
         while (p_ + 1 < end_ && !(*p_ == '*' && p_[1] == '/')) {
-          if (*p_ == '\n') ++line_;
+          count_line();
           ++p_;
         }
         p_ = std::min(p_ + 2, end_);
@@ -169,7 +172,7 @@ class Parser {
   void skip_string() {  // p_ on the opening quote
     ++p_;
     while (p_ < end_) {
-      if (*p_ == '\n') ++line_;
+      count_line();
       if (*p_ == '\'') {
         if (p_ + 1 < end_ && p_[1] == '\'') {
           p_ += 2;

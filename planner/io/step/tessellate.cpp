@@ -168,6 +168,7 @@ class FaceMesher {
         }
       }
     }
+    is_backwards_ = total < 0;
     if (!(std::abs(total) > 0) || !std::isfinite(total)) {
       why = "the flattened border encloses no area";
       return false;
@@ -391,6 +392,7 @@ class FaceMesher {
  public:
   int crossings_ = 0;
   std::map<std::size_t, std::vector<double>>* wanted_ = nullptr;  // edge -> parameters; null in the last round
+  bool is_backwards_ = false;                                     // the loops run with the interior on the right
   bool is_check_ = false;                                         // borders only: no triangles are made
 };
 
@@ -449,6 +451,18 @@ bool flat_fallback(const Body& body, int face, BodyMesh& mesh) {
 
 namespace {
 
+/// Edges of the face used the other way round by their other face, as in a closed shell they are, less those used the same way.
+int agreement_with_neighbours(const Body& body, std::size_t face) {
+  int agree = 0, contradict = 0;
+  for (const TopoLoop& l : body.faces[face].loops)
+    for (const EdgeUse& u : l.uses) {
+      const auto& uses = body.edges[static_cast<std::size_t>(u.edge)].uses;
+      if (uses.size() != 2 || uses[0].first == uses[1].first) continue;
+      ++(uses[0].second != uses[1].second ? agree : contradict);
+    }
+  return agree - contradict;
+}
+
 /// One round; `wanted` collects samples that would keep borders from crossing.
 BodyMesh tessellate_once(Body& body, const Tolerance& tol, std::map<std::size_t, std::vector<double>>* wanted, bool is_check) {
   BodyMesh mesh;
@@ -465,7 +479,18 @@ BodyMesh tessellate_once(Body& body, const Tolerance& tol, std::map<std::size_t,
       FaceMesher m(body, static_cast<int>(k), tol, mesh);
       m.wanted_ = wanted, m.is_check_ = is_check;
       why.clear();
-      if (m.run(why)) {
+      const std::size_t vertices = mesh.vertices.size(), triangles = mesh.triangles.size();
+      bool ok = m.run(why);
+      const int agreement = ok && m.is_backwards_ ? agreement_with_neighbours(body, k) : 0;
+      if (agreement != 0) {  // the sense of the face is wrong, or else its loops
+        if (agreement > 0) f.same_sense = !f.same_sense;
+        else reverse_loops(body, static_cast<int>(k));
+        FaceMesher again(body, static_cast<int>(k), tol, mesh);
+        again.wanted_ = wanted, again.is_check_ = is_check;
+        mesh.vertices.resize(vertices), mesh.triangles.resize(triangles), mesh.face.resize(triangles);
+        ok = again.run(why);
+      }
+      if (ok) {
         if (m.crossings_ > 0 && f.fault.empty()) f.fault = "its border crosses itself " + std::to_string(m.crossings_) + " times";
         continue;
       }

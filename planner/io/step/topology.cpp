@@ -317,18 +317,24 @@ Body read_body(const Binder& b, std::int64_t id, std::vector<Unread>& unread) {
   return body;
 }
 
+void reverse_loops(Body& body, int face) {
+  std::vector<int> edges;
+  for (TopoLoop& l : body.faces[static_cast<std::size_t>(face)].loops) {
+    std::reverse(l.uses.begin(), l.uses.end());
+    for (EdgeUse& u : l.uses) u.is_forward = !u.is_forward, edges.push_back(u.edge);
+  }
+  std::sort(edges.begin(), edges.end());
+  edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
+  for (int e : edges)
+    for (auto& [f, forward] : body.edges[static_cast<std::size_t>(e)].uses)
+      if (f == face) forward = !forward;
+}
+
 void reverse_shell(Body& body, int shell) {
   for (int k : body.shells[static_cast<std::size_t>(shell)].faces) {
-    TopoFace& f = body.faces[static_cast<std::size_t>(k)];
-    f.same_sense = !f.same_sense;
-    for (TopoLoop& l : f.loops) {
-      std::reverse(l.uses.begin(), l.uses.end());
-      for (EdgeUse& u : l.uses) u.is_forward = !u.is_forward;
-    }
+    body.faces[static_cast<std::size_t>(k)].same_sense = !body.faces[static_cast<std::size_t>(k)].same_sense;
+    reverse_loops(body, k);
   }
-  for (TopoEdge& e : body.edges)
-    for (auto& [face, forward] : e.uses)
-      if (body.faces[static_cast<std::size_t>(face)].shell == shell) forward = !forward;
 }
 
 }  // namespace asbuilt::step

@@ -76,6 +76,8 @@ struct Body {
 /// face. What cannot be read goes to `unread` and to the faults of the faces.
 Body read_body(const Binder& b, std::int64_t id, std::vector<Unread>& unread);
 
+/// The loops of a face and its edge uses the other way round.
+void reverse_loops(Body& body, int face);
 /// Turns a shell inside out: senses of faces, loops and edge uses.
 void reverse_shell(Body& body, int shell);
 
