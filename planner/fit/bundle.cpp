@@ -4,6 +4,10 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
+#include <variant>
+#include <cstdlib>
+#include <variant>
 
 namespace asbuilt::fitting {
 
@@ -37,6 +41,40 @@ Eigen::VectorXd solve_by_faces(const Eigen::MatrixXd& h, const Eigen::VectorXd& 
   for (std::size_t f = 0; f < faces.size(); ++f) x.segment(layout.offset[f], coupling[f].rows()) -= coupling[f] * x.tail(captures);
   return x;
 }
+
+/// A short strip of a cylinder hardly tells its axis and radius: what it cannot tell stays near the drawing. Normals beside the edge
+/// turn by turn_sd_rad at most (together as one reading), sizes change by shrinkage and a tolerance.
+template <class H, class G>
+void add_shape_prior(const BundleOptions& options, const FaceModel& face, H&& h, G&& g) {
+  const int modes = static_cast<int>(g.size());
+  const double w_turn = 1 / (options.turn_sd_rad * options.turn_sd_rad * static_cast<double>(std::max<std::size_t>(1, face.prior_points.size())));
+  for (const Vec3& q : face.prior_points) {
+    Vec3 n, n_nominal;
+    surface_distance(face, q, n);
+    signed_distance(face.nominal, q, n_nominal);
+    const Vec3 x = (std::abs(n.x()) < 0.8 ? Vec3::UnitX() : Vec3::UnitY()).cross(n).normalized(), y = n.cross(x);
+    for (const Vec3& t : {x, y}) {
+      Eigen::VectorXd row = Eigen::VectorXd::Zero(modes);
+      row.segment<3>(3) = n.cross(t);
+      h += w_turn * row * row.transpose(), g += w_turn * (n - n_nominal).dot(t) * row;
+    }
+  }
+  const auto size = [&](int mode, double now, double nominal, double sd) { h(mode, mode) += 1 / (sd * sd), g(mode) += (now - nominal) / (sd * sd); };
+  const auto radius = [&](int mode, double now, double nominal) { size(mode, now, nominal, 0.3 + 0.01 * nominal); };
+  std::visit(
+      [&](const auto& now) {
+        using S = std::decay_t<decltype(now)>;
+        const S* nominal = std::get_if<S>(&face.nominal.shape);
+        if (!nominal) return;
+        if constexpr (std::is_same_v<S, CylinderSurface> || std::is_same_v<S, SphereSurface>) radius(6, now.radius_mm, nominal->radius_mm);
+        if constexpr (std::is_same_v<S, ConeSurface>) size(7, now.half_angle_rad, nominal->half_angle_rad, options.turn_sd_rad);
+        if constexpr (std::is_same_v<S, TorusSurface>)
+          if (modes == 8) radius(6, now.major_mm, nominal->major_mm), radius(7, now.minor_mm, nominal->minor_mm);
+      },
+      face.surface.shape);
+}
+
+constexpr double kTurnStep_rad = 0.03, kSettled_mm = 2e-4;
 
 double tukey(double u) { return std::abs(u) < 1 ? (1 - u * u) * (1 - u * u) : 0.0; }
 
@@ -91,6 +129,7 @@ Bundle solve_bundle(const BundleOptions& options, const std::vector<Cell>& cells
   };
 
   Eigen::MatrixXd h;
+  bool is_settled = false;
   for (int round = 0; round <= options.rounds_count; ++round) {
     linearise();
     // Robust weights: the scale of each face from its own residuals, never below what the cells claim.
@@ -136,6 +175,7 @@ Bundle solve_bundle(const BundleOptions& options, const std::vector<Cell>& cells
         h.block(a, a, modes, modes) += w * row * row.transpose();
         g.segment(a, modes) += w * -d * row;
       }
+      add_shape_prior(options, face, h.block(a, a, modes, modes), g.segment(a, modes));
       // What the patch cannot tell (a plane turned in itself) stays where it is.
       double lever = 1;
       for (const Vec3& q : face.prior_points) lever = std::max(lever, (q - face.center).norm());
@@ -147,13 +187,20 @@ Bundle solve_bundle(const BundleOptions& options, const std::vector<Cell>& cells
         h.block<6, 6>(b, b) += Mat6::Identity();
         g.segment<6>(b) += captures[k].whitened;
       }
-    if (round == options.rounds_count) break;
+    if (round == options.rounds_count || is_settled) break;
     const Eigen::VectorXd step = -solve_by_faces(h, g, faces, out);
+    double moved_most = 0;
     for (std::size_t f = 0; f < faces.size(); ++f) {
       FaceModel& face = faces[f];
       const int a = out.offset[f], modes = modes_count(face.surface);
       ModeRow theta = ModeRow::Zero();
       theta.head(modes) = step.segment(a, modes);
+      theta *= std::min(1.0, kTurnStep_rad / std::max(1e-12, theta.segment<3>(3).norm()));  // a strip's axis is far from linear
+      for (const Vec3& q : face.prior_points) {
+        Vec3 n;
+        surface_distance(face, q, n);
+        moved_most = std::max(moved_most, std::abs(mode_heights(face.surface, q, n, face.center).dot(theta)));
+      }
       face.surface = moved(face.surface, theta, face.center);
       face.coefficients += step.segment(a + modes, face.field.size());
     }
@@ -162,6 +209,7 @@ Bundle solve_bundle(const BundleOptions& options, const std::vector<Cell>& cells
         captures[k].whitened += step.segment<6>(b);
         captures[k].correction = captures[k].prior.disturbed(captures[k].spread * captures[k].whitened);
       }
+    is_settled = round > 0 && moved_most < kSettled_mm;
   }
   // The captures' part is the location's to report: here the faces' given the captures.
   out.covariance = Eigen::MatrixXd::Zero(size, size);

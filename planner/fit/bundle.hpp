@@ -19,7 +19,8 @@ struct CaptureModel {
 };
 
 struct BundleOptions {
-  int rounds_count = 3;
+  int rounds_count = 8;
+  double turn_sd_rad = 0.02;  // prior turn of a face beside its edge
   double form_sd_mm = 1.5;  // prior displacement of a face at its prior points
 };
 

@@ -100,12 +100,16 @@ void choose_fields(Setup& setup, const std::vector<Cell>& cells, const Bundle& b
       feet.push_back(p - d * n);
       index.push_back(i);
     }
+    // Cells that the fit threw out are no form: they would ask for a short and tall field.
+    std::vector<std::size_t> kept;
+    for (std::size_t k = 0; k < feet.size(); ++k)
+      if (bundle.weight[index[k]] > 0.05) kept.push_back(k);
     constexpr std::size_t kCellsMax = 120;
-    const std::size_t count = std::min(kCellsMax, feet.size());
+    const std::size_t count = std::min(kCellsMax, kept.size());
     std::vector<Vec3> q;
     Eigen::VectorXd heights(count), sd(count);
     for (std::size_t k = 0; k < count; ++k) {
-      const std::size_t i = k * feet.size() / count;
+      const std::size_t i = kept[k * kept.size() / count];
       q.push_back(feet[i]);
       heights(static_cast<Eigen::Index>(k)) = bundle.residual_mm[index[i]];
       sd(static_cast<Eigen::Index>(k)) = std::hypot(cells[index[i]].sd_mm, 0.005);
