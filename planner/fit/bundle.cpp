@@ -42,23 +42,11 @@ Eigen::VectorXd solve_by_faces(const Eigen::MatrixXd& h, const Eigen::VectorXd& 
   return x;
 }
 
-/// A short strip of a cylinder hardly tells its axis and radius: what it cannot tell stays near the drawing. Normals beside the edge
-/// turn by turn_sd_rad at most (together as one reading), sizes change by shrinkage and a tolerance.
+/// A short strip of a cylinder hardly tells its axis and radius: what it cannot tell stays near the drawing. Axes turn by turn_sd_rad,
+/// sizes change by shrinkage and a tolerance.
 template <class H, class G>
 void add_shape_prior(const BundleOptions& options, const FaceModel& face, H&& h, G&& g) {
-  const int modes = static_cast<int>(g.size());
-  const double w_turn = 1 / (options.turn_sd_rad * options.turn_sd_rad * static_cast<double>(std::max<std::size_t>(1, face.prior_points.size())));
-  for (const Vec3& q : face.prior_points) {
-    Vec3 n, n_nominal;
-    surface_distance(face, q, n);
-    signed_distance(face.nominal, q, n_nominal);
-    const Vec3 x = (std::abs(n.x()) < 0.8 ? Vec3::UnitX() : Vec3::UnitY()).cross(n).normalized(), y = n.cross(x);
-    for (const Vec3& t : {x, y}) {
-      Eigen::VectorXd row = Eigen::VectorXd::Zero(modes);
-      row.segment<3>(3) = n.cross(t);
-      h += w_turn * row * row.transpose(), g += w_turn * (n - n_nominal).dot(t) * row;
-    }
-  }
+  const double w_turn = 1 / (options.turn_sd_rad * options.turn_sd_rad);
   const auto size = [&](int mode, double now, double nominal, double sd) { h(mode, mode) += 1 / (sd * sd), g(mode) += (now - nominal) / (sd * sd); };
   const auto radius = [&](int mode, double now, double nominal) { size(mode, now, nominal, 0.3 + 0.01 * nominal); };
   std::visit(
@@ -66,10 +54,17 @@ void add_shape_prior(const BundleOptions& options, const FaceModel& face, H&& h,
         using S = std::decay_t<decltype(now)>;
         const S* nominal = std::get_if<S>(&face.nominal.shape);
         if (!nominal) return;
+        if constexpr (requires { now.at; }) {
+          for (const Vec3& t : {now.at.x, now.at.y}) {
+            const Vec3 row = now.at.z.cross(t);  // how a turn moves the axis along t
+            h.template block<3, 3>(3, 3) += w_turn * row * row.transpose();
+            g.template segment<3>(3) += w_turn * (now.at.z - nominal->at.z).dot(t) * row;
+          }
+        }
         if constexpr (std::is_same_v<S, CylinderSurface> || std::is_same_v<S, SphereSurface>) radius(6, now.radius_mm, nominal->radius_mm);
         if constexpr (std::is_same_v<S, ConeSurface>) size(7, now.half_angle_rad, nominal->half_angle_rad, options.turn_sd_rad);
         if constexpr (std::is_same_v<S, TorusSurface>)
-          if (modes == 8) radius(6, now.major_mm, nominal->major_mm), radius(7, now.minor_mm, nominal->minor_mm);
+          if (g.size() == 8) radius(6, now.major_mm, nominal->major_mm), radius(7, now.minor_mm, nominal->minor_mm);
       },
       face.surface.shape);
 }
@@ -128,6 +123,41 @@ Bundle solve_bundle(const BundleOptions& options, const std::vector<Cell>& cells
     }
   };
 
+  std::vector<std::vector<std::size_t>> cells_of(faces.size());
+  for (std::size_t i = 0; i < cells.size(); ++i) cells_of[cells[i].slot].push_back(i);
+  // A face takes its part of the step, or half of it and half again while its residuals would grow. Returns how far it moved.
+  const auto take_step = [&](const Eigen::VectorXd& step, int f) {
+    FaceModel& face = faces[f];
+    const Surface surface = face.surface;
+    const Eigen::VectorXd coefficients = face.coefficients;
+    const int a = out.offset[f], modes = modes_count(surface);
+    ModeRow theta = ModeRow::Zero();
+    theta.head(modes) = step.segment(a, modes);
+    Eigen::VectorXd field = step.segment(a + modes, face.field.size());
+    const double most = std::min(1.0, kTurnStep_rad / std::max(1e-12, theta.segment<3>(3).norm()));  // a strip's axis is far from linear
+    theta *= most, field *= most;
+    double before = 0;
+    for (const std::size_t i : cells_of[f]) before += out.weight[i] * std::pow(rows[i].residual / cells[i].sd_mm, 2);
+    for (int halves = 0;; ++halves, theta *= 0.5, field *= 0.5) {
+      face.surface = moved(surface, theta, face.center);
+      face.coefficients = coefficients + field;
+      double after = 0;
+      for (const std::size_t i : cells_of[f]) {
+        const Vec3 p = T_part_base.point(captures[cells[i].capture].correction.point(cells[i].p_base));
+        Vec3 n;
+        after += out.weight[i] * std::pow(face_distance(face, p, n) / cells[i].sd_mm, 2);
+      }
+      if (after <= before * 1.01 + 1 || halves == 5) break;
+    }
+    double moved_most = face.field.size() > 0 ? face.field.amplitude_mm * field.lpNorm<Eigen::Infinity>() : 0.0;
+    for (const Vec3& q : face.prior_points) {
+      Vec3 n;
+      surface_distance(face, q, n);
+      moved_most = std::max(moved_most, std::abs(mode_heights(face.surface, q, n, face.center).dot(theta)));
+    }
+    return moved_most;
+  };
+
   Eigen::MatrixXd h;
   bool is_settled = false;
   for (int round = 0; round <= options.rounds_count; ++round) {
@@ -148,7 +178,10 @@ Bundle solve_bundle(const BundleOptions& options, const std::vector<Cell>& cells
     for (std::size_t i = 0; i < cells.size(); ++i) {
       const Cell& c = cells[i];
       const double normal = rows[i].residual / c.sd_mm;
-      const double robust = tukey(normal / (4.685 * scale[c.slot] * (round == 0 ? 3.0 : 1.0)));
+      // A field that holds nothing yet is what a residual of its size is for.
+      const double open_mm = round == 0 && faces[c.slot].coefficients.isZero(0) && faces[c.slot].field.size() > 0 ? faces[c.slot].field.amplitude_mm : 0.0;
+      const double width_mm = std::hypot(c.sd_mm * scale[c.slot] * (round == 0 ? 3.0 : 1.0), open_mm);
+      const double robust = tukey(rows[i].residual / (4.685 * width_mm));
       out.weight[i] = robust;
       chi2 += robust * normal * normal, freedom += robust;
       const double w = robust / (c.sd_mm * c.sd_mm);
@@ -189,26 +222,13 @@ Bundle solve_bundle(const BundleOptions& options, const std::vector<Cell>& cells
       }
     if (round == options.rounds_count || is_settled) break;
     const Eigen::VectorXd step = -solve_by_faces(h, g, faces, out);
-    double moved_most = 0;
-    for (std::size_t f = 0; f < faces.size(); ++f) {
-      FaceModel& face = faces[f];
-      const int a = out.offset[f], modes = modes_count(face.surface);
-      ModeRow theta = ModeRow::Zero();
-      theta.head(modes) = step.segment(a, modes);
-      theta *= std::min(1.0, kTurnStep_rad / std::max(1e-12, theta.segment<3>(3).norm()));  // a strip's axis is far from linear
-      for (const Vec3& q : face.prior_points) {
-        Vec3 n;
-        surface_distance(face, q, n);
-        moved_most = std::max(moved_most, std::abs(mode_heights(face.surface, q, n, face.center).dot(theta)));
-      }
-      face.surface = moved(face.surface, theta, face.center);
-      face.coefficients += step.segment(a + modes, face.field.size());
-    }
     for (std::size_t k = 0; k < captures.size(); ++k)
       if (const int b = out.capture_offset[k]; b >= 0) {
         captures[k].whitened += step.segment<6>(b);
         captures[k].correction = captures[k].prior.disturbed(captures[k].spread * captures[k].whitened);
       }
+    double moved_most = 0;
+    for (std::size_t f = 0; f < faces.size(); ++f) moved_most = std::max(moved_most, take_step(step, static_cast<int>(f)));
     is_settled = round > 0 && moved_most < kSettled_mm;
   }
   // The captures' part is the location's to report: here the faces' given the captures.

@@ -100,16 +100,28 @@ void choose_fields(Setup& setup, const std::vector<Cell>& cells, const Bundle& b
       feet.push_back(p - d * n);
       index.push_back(i);
     }
-    // Cells that the fit threw out are no form: they would ask for a short and tall field.
-    std::vector<std::size_t> kept;
-    for (std::size_t k = 0; k < feet.size(); ++k)
-      if (bundle.weight[index[k]] > 0.05) kept.push_back(k);
+    // A cell that stands alone against its neighbours is no form: it would ask for a short and tall field.
+    const auto stands_alone = [&](std::size_t k) {
+      std::vector<std::pair<double, double>> near;  // squared distance, residual
+      for (std::size_t j = 0; j < feet.size(); ++j)
+        if (j != k) near.emplace_back((feet[j] - feet[k]).squaredNorm(), bundle.residual_mm[index[j]]);
+      constexpr std::size_t kNeighbours = 7;
+      if (near.size() < kNeighbours) return false;
+      std::nth_element(near.begin(), near.begin() + kNeighbours - 1, near.end());
+      std::array<double, kNeighbours> beside;
+      for (std::size_t j = 0; j < kNeighbours; ++j) beside[j] = near[j].second;
+      std::nth_element(beside.begin(), beside.begin() + kNeighbours / 2, beside.end());
+      return std::abs(bundle.residual_mm[index[k]] - beside[kNeighbours / 2]) > 0.02 + 4 * cells[index[k]].sd_mm;
+    };
     constexpr std::size_t kCellsMax = 120;
-    const std::size_t count = std::min(kCellsMax, kept.size());
+    std::vector<std::size_t> kept;
+    for (std::size_t k = 0; k < std::min(kCellsMax, feet.size()); ++k)
+      if (const std::size_t i = k * feet.size() / std::min(kCellsMax, feet.size()); !stands_alone(i)) kept.push_back(i);
+    const std::size_t count = kept.size();
     std::vector<Vec3> q;
     Eigen::VectorXd heights(count), sd(count);
     for (std::size_t k = 0; k < count; ++k) {
-      const std::size_t i = kept[k * kept.size() / count];
+      const std::size_t i = kept[k];
       q.push_back(feet[i]);
       heights(static_cast<Eigen::Index>(k)) = bundle.residual_mm[index[i]];
       sd(static_cast<Eigen::Index>(k)) = std::hypot(cells[index[i]].sd_mm, 0.005);
