@@ -23,7 +23,7 @@ struct EdgeFacts {
 
 struct PassSettings {
   double outer_mm = 1e9, inner_mm = 0;  // planes between which the burr is taken; inner 0: finishing
-  double lead_mm = 2, clear_mm = 0.6, chord_mm = 0.01;
+  double lead_mm = 2, clear_mm = 1.0, chord_mm = 0.01;
   double feed_min_mm_s = 1, feed_ceiling_mm_s = 1, removal_max_mm3_s = 1;
 };
 

@@ -14,7 +14,7 @@ namespace asbuilt {
 struct PathRecipe {
   double contact_height_ratio = 0.5;        // of the cone's flank, from the tip
   double contact_height_min_ratio = 0.12;   // how low the contact may go where the cutter would otherwise touch a wall
-  double clear_mm = 0.6;                    // the leads end this far outside the burr's upper bound
+  double clear_mm = 1.0;                    // the leads end this far outside the burr's upper bound
   double stray_max_mm = 0.05;               // how deep the cutter may go into the drawing's part away from the edges
   double damage_mm = 0.10;                  // deeper than the deepest good chamfer by this is damage ...
   double damage_probability_max_ratio = 1e-2;  // ... and must be this unlikely at every station
