@@ -40,6 +40,13 @@ struct CadArguments {
 };
 int cad_command(const CadArguments& arguments, Console& console);
 
+struct InspectArguments {
+  std::string batch, item, out = "out", at = "scans";
+  std::vector<std::string> post;
+  bool allow_outside = false;
+};
+int inspect_command(const InspectArguments& arguments, Console& console);
+
 struct VerifyArguments {
   std::vector<std::string> programs;
   std::string cell, calibration, result;

@@ -73,6 +73,15 @@ int run(int argc, char** argv) {
     c->add_flag("--allow-outside", stage.allow_outside, "files may lie outside the batch's folder");
   }
 
+  InspectArguments inspect;
+  c = add("inspect", "from where to scan the edges of one item: poses, what they will see, the robot program", [&](Console& console) { return inspect_command(inspect, console); });
+  c->add_option("BATCH", inspect.batch, "the batch file (YAML)")->required();
+  c->add_option("--item", inspect.item, "which item")->required();
+  c->add_option("--out", inspect.out, "folder for the plan and its program (default out)");
+  c->add_option("--post", inspect.post, "languages: krl, inform, beckhoff; without it the cell's own")->delimiter(',');
+  c->add_option("--at", inspect.at, "where the part is: as its scans find it, or as the fixture holds it (no scans needed)")->check(CLI::IsMember({"scans", "fixture"}));
+  c->add_flag("--allow-outside", inspect.allow_outside, "files may lie outside the batch's folder");
+
   VerifyArguments verify;
   c = add("verify", "read emitted programs back, replay them, check them", [&](Console& console) { return verify_command(verify, console); });
   c->add_option("PROGRAM", verify.programs, "program files: .src .dat, .JBI .CND, .nc .cnc .mpf")->required();

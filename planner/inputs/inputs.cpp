@@ -53,7 +53,8 @@ std::optional<Loaded> load(const Batch& batch, const std::string& item_id, const
         read_source<RecipeFile>(item.sources, item.batch, "recipes[" + std::to_string(i) + "]", item.batch_file, batch.recipes[i]));
   item.part = read_source<PartFile>(item.sources, item.batch, at + ".part", item.batch_file, entry->part);
   item.fixture = read_source<FixtureFile>(item.sources, item.batch, at + ".fixture", item.batch_file, entry->fixture);
-  item.scans = read_source<ScansFile>(item.sources, item.batch, at + ".scans", item.batch_file, entry->scans);
+  if (!recipe.without_scans)
+    item.scans = read_source<ScansFile>(item.sources, item.batch, at + ".scans", item.batch_file, entry->scans);
 
   job.batch_id = batch.id, job.item_id = item_id;
   job.taken = item.scans.value.taken.value_or(recipe.today).substr(0, 10);

@@ -15,6 +15,7 @@ namespace asbuilt {
 struct InputsRecipe {
   bool allow_outside = false;  // paths that leave the batch's folder
   std::string today;           // ISO date, used where a scans file names no date for the calibration's age
+  bool without_scans = false;  // the item's scans are not read: there are none yet
 };
 
 struct BatchItem {

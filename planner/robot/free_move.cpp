@@ -3,12 +3,16 @@
 
 #include <ompl/base/PlannerTerminationCondition.h>
 #include <ompl/base/ProblemDefinition.h>
+#include <ompl/base/ScopedState.h>
 #include <ompl/base/SpaceInformation.h>
 #include <ompl/base/goals/GoalState.h>
+#include <ompl/base/objectives/PathLengthOptimizationObjective.h>
+#include <ompl/base/samplers/InformedStateSampler.h>
 #include <ompl/base/spaces/RealVectorStateSpace.h>
 #include <ompl/base/terminationconditions/IterationTerminationCondition.h>
 #include <ompl/datastructures/NearestNeighborsLinear.h>
 #include <ompl/geometric/PathGeometric.h>
+#include <ompl/geometric/planners/informedtrees/BITstar.h>
 #include <ompl/geometric/planners/rrt/RRTConnect.h>
 #include <ompl/util/Console.h>
 
@@ -57,8 +61,10 @@ class CertifiedMotion : public ob::MotionValidator {
   CertifiedMotion(const ob::SpaceInformationPtr& si, const CollisionScene& scene, const std::vector<Watch>& watches)
       : ob::MotionValidator(si), scene_(scene), watches_(watches) {}
   bool checkMotion(const ob::State* a, const ob::State* b) const override {
+    ++count_;
     return scene_.certify(watches_, {{joints_of(a), joints_of(b)}, false}).is_free;
   }
+  int count() const { return count_; }
   bool checkMotion(const ob::State* a, const ob::State* b, std::pair<ob::State*, double>& last) const override {
     const bool ok = checkMotion(a, b);
     if (!ok) {
@@ -71,6 +77,7 @@ class CertifiedMotion : public ob::MotionValidator {
  private:
   const CollisionScene& scene_;
   const std::vector<Watch>& watches_;
+  mutable int count_ = 0;
 };
 
 double length_of(const JointVector& a, const JointVector& b) {
@@ -79,11 +86,52 @@ double length_of(const JointVector& a, const JointVector& b) {
   return std::sqrt(s);
 }
 
-}  // namespace
+/// Uniform in the box, turned down where the way over the state is longer than the best one. OMPL's own draws from a generator that is
+/// seeded once for the whole process.
+class FixedInformedSampler : public ob::InformedSampler {
+ public:
+  FixedInformedSampler(const ob::ProblemDefinitionPtr& problem, unsigned calls, const JointVector& a, const JointVector& b)
+      : ob::InformedSampler(problem, calls), sampler_(space_.get()), a_(a), b_(b) {}
+  bool sampleUniform(ob::State* state, const ob::Cost& most) override {
+    for (unsigned i = 0; i < numIters_; ++i) {
+      sampler_.sampleUniform(state);
+      if (length_of(a_, joints_of(state)) + length_of(joints_of(state), b_) < most.value()) return true;
+    }
+    return false;
+  }
+  bool sampleUniform(ob::State* state, const ob::Cost& least, const ob::Cost& most) override {
+    for (unsigned i = 0; i < numIters_; ++i)
+      if (sampleUniform(state, most) && length_of(a_, joints_of(state)) + length_of(joints_of(state), b_) >= least.value()) return true;
+    return false;
+  }
+  bool hasInformedMeasure() const override { return false; }
+  double getInformedMeasure(const ob::Cost&) const override { return space_->getMeasure(); }
 
-std::optional<std::vector<JointVector>> find_free_move(const CollisionScene& scene, const std::vector<Watch>& watches, const JointVector& q_start,
-                                                       const JointVector& q_goal, int iterations_count) {
-  const auto is_free = [&](const JointVector& q) {
+ private:
+  FixedSampler sampler_;
+  JointVector a_, b_;
+};
+
+class FixedLength : public ob::PathLengthOptimizationObjective {
+ public:
+  FixedLength(const ob::SpaceInformationPtr& si, const JointVector& a, const JointVector& b) : ob::PathLengthOptimizationObjective(si), a_(a), b_(b) {}
+  ob::InformedSamplerPtr allocInformedStateSampler(const ob::ProblemDefinitionPtr& problem, unsigned calls) const override {
+    return std::make_shared<FixedInformedSampler>(problem, calls, a_, b_);
+  }
+
+ private:
+  JointVector a_, b_;
+};
+
+struct Setting {  // space, validity, motions and ends of one search
+  std::shared_ptr<Space> space;
+  ob::SpaceInformationPtr si;
+  std::shared_ptr<CertifiedMotion> motions;
+  ob::ProblemDefinitionPtr problem;
+};
+
+std::optional<Setting> setting_of(const CollisionScene& scene, const std::vector<Watch>& watches, const JointVector& q_start, const JointVector& q_goal) {
+  const auto is_free = [&scene, &watches](const JointVector& q) {
     for (const Watch& w : watches)
       if (scene.separation(w.a, w.b, q, w.margin_mm).distance_mm < w.margin_mm) return false;
     return true;
@@ -91,7 +139,8 @@ std::optional<std::vector<JointVector>> find_free_move(const CollisionScene& sce
   if (!is_free(q_start) || !is_free(q_goal)) return std::nullopt;
 
   ompl::msg::noOutputHandler();
-  auto space = std::make_shared<Space>(6);
+  Setting out;
+  out.space = std::make_shared<Space>(6);
   ob::RealVectorBounds bounds(6);
   for (unsigned i = 0; i < 6; ++i) {
     // Full turns are for reach, not for travel: the box of the two ends and one turn about is enough.
@@ -100,29 +149,22 @@ std::optional<std::vector<JointVector>> find_free_move(const CollisionScene& sce
     bounds.setLow(i, std::max(j.min_rad, lo - 1.5));
     bounds.setHigh(i, std::min(j.max_rad, hi + 1.5));
   }
-  space->setBounds(bounds);
-  space->setStateSamplerAllocator([](const ob::StateSpace* s) { return std::make_shared<FixedSampler>(s); });
-  auto si = std::make_shared<ob::SpaceInformation>(space);
-  si->setStateValidityChecker([&](const ob::State* s) { return is_free(joints_of(s)); });
-  si->setMotionValidator(std::make_shared<CertifiedMotion>(si, scene, watches));
-  si->setup();
-  auto problem = std::make_shared<ob::ProblemDefinition>(si);
-  ob::ScopedState<Space> a(space), b(space);
+  out.space->setBounds(bounds);
+  out.space->setStateSamplerAllocator([](const ob::StateSpace* s) { return std::make_shared<FixedSampler>(s); });
+  out.si = std::make_shared<ob::SpaceInformation>(out.space);
+  out.si->setStateValidityChecker([is_free](const ob::State* s) { return is_free(joints_of(s)); });
+  out.motions = std::make_shared<CertifiedMotion>(out.si, scene, watches);
+  out.si->setMotionValidator(out.motions);
+  out.si->setup();
+  out.problem = std::make_shared<ob::ProblemDefinition>(out.si);
+  ob::ScopedState<Space> a(out.space), b(out.space);
   for (unsigned i = 0; i < 6; ++i) a[i] = q_start[i], b[i] = q_goal[i];
-  problem->setStartAndGoalStates(a, b);
-  auto planner = std::make_shared<og::RRTConnect>(si);
-  planner->setRange(0.6);
-  planner->setNearestNeighbors<ompl::NearestNeighborsLinear>();
-  planner->setProblemDefinition(problem);
-  planner->setup();
-  ob::IterationTerminationCondition budget(static_cast<unsigned>(std::max(1, iterations_count)));
-  const ob::PlannerStatus status = planner->solve(budget);
-  if (status != ob::PlannerStatus::EXACT_SOLUTION) return std::nullopt;
-  std::vector<JointVector> q;
-  const auto* path = problem->getSolutionPath()->as<og::PathGeometric>();
-  for (std::size_t i = 0; i < path->getStateCount(); ++i) q.push_back(joints_of(path->getState(static_cast<unsigned>(i))));
+  out.problem->setStartAndGoalStates(a, b);
+  return out;
+}
 
-  // Shorten: drop corners, then cut between random places of the path.
+/// Drops corners, then cuts between random places of the path.
+std::vector<JointVector> shortened(const CollisionScene& scene, const std::vector<Watch>& watches, std::vector<JointVector> q) {
   const auto leg_is_free = [&](const JointVector& x, const JointVector& y) { return scene.certify(watches, {{x, y}, false}).is_free; };
   for (std::size_t i = 0; i + 2 < q.size();) {
     std::size_t k = q.size() - 1;
@@ -147,6 +189,48 @@ std::optional<std::vector<JointVector>> find_free_move(const CollisionScene& sce
     q = std::move(shorter);
   }
   return q;
+}
+
+std::vector<JointVector> path_of(const ob::ProblemDefinitionPtr& problem) {
+  std::vector<JointVector> q;
+  const auto* path = problem->getSolutionPath()->as<og::PathGeometric>();
+  for (std::size_t i = 0; i < path->getStateCount(); ++i) q.push_back(joints_of(path->getState(static_cast<unsigned>(i))));
+  return q;
+}
+
+}  // namespace
+
+std::optional<std::vector<JointVector>> find_free_move(const CollisionScene& scene, const std::vector<Watch>& watches, const JointVector& q_start,
+                                                       const JointVector& q_goal, int iterations_count) {
+  const auto s = setting_of(scene, watches, q_start, q_goal);
+  if (!s) return std::nullopt;
+  auto planner = std::make_shared<og::RRTConnect>(s->si);
+  planner->setRange(0.6);
+  planner->setNearestNeighbors<ompl::NearestNeighborsLinear>();
+  planner->setProblemDefinition(s->problem);
+  planner->setup();
+  ob::IterationTerminationCondition budget(static_cast<unsigned>(std::max(1, iterations_count)));
+  const ob::PlannerStatus status = planner->solve(budget);
+  if (status != ob::PlannerStatus::EXACT_SOLUTION) return std::nullopt;
+  return shortened(scene, watches, path_of(s->problem));
+}
+
+std::optional<std::vector<JointVector>> find_short_move(const CollisionScene& scene, const std::vector<Watch>& watches, const JointVector& q_start,
+                                                        const JointVector& q_goal, int certificates_count) {
+  const auto s = setting_of(scene, watches, q_start, q_goal);
+  if (!s) return std::nullopt;
+  s->problem->setOptimizationObjective(std::make_shared<FixedLength>(s->si, q_start, q_goal));
+  auto planner = std::make_shared<og::BITstar>(s->si);
+  planner->setSamplesPerBatch(60);
+  planner->setNearestNeighbors<ompl::NearestNeighborsLinear>();
+  planner->setProblemDefinition(s->problem);
+  planner->setup();
+  int asked = 0;
+  const CertifiedMotion& motions = *s->motions;
+  const ob::PlannerTerminationCondition budget([&] { return motions.count() >= certificates_count || ++asked > 200 * certificates_count; });
+  const ob::PlannerStatus status = planner->solve(budget);
+  if (status != ob::PlannerStatus::EXACT_SOLUTION) return std::nullopt;
+  return shortened(scene, watches, path_of(s->problem));
 }
 
 }  // namespace asbuilt

@@ -8,6 +8,25 @@
 
 namespace asbuilt {
 
+namespace {
+
+/// The captures of a scans file whose poses are joints.
+std::vector<PlannedCapture> planned_captures(const std::filesystem::path& file) {
+  std::vector<PlannedCapture> out;
+  for (const auto& c : YAML::LoadFile(file.string())["captures"]) {
+    PlannedCapture p;
+    p.sensor = c["sensor"].as<std::string>(), p.cloud = c["cloud"].as<std::string>();
+    if (c["feature"]) p.feature = c["feature"].as<std::string>();
+    const auto q = c["base_flange"]["joints"].as<std::vector<double>>();
+    if (q.size() != 6) throw YAML::Exception(c.Mark(), "base_flange: six joints are wanted");
+    for (std::size_t i = 0; i < 6; ++i) p.q_rad[i] = q[i] * 0.017453292519943295;
+    out.push_back(p);
+  }
+  return out;
+}
+
+}  // namespace
+
 Result<Done<Scenario>> load_scenario(const std::filesystem::path& file) {
   Scenario s;
   Refusals faults;
@@ -22,7 +41,7 @@ Result<Done<Scenario>> load_scenario(const std::filesystem::path& file) {
     return refuse_all(faults);
   }
   if (!root.IsMap()) {
-    fault(1, "", "found no mapping; allowed: asbuilt, part, seed, turn, tilt, trap, size, light, item");
+    fault(1, "", "found no mapping; allowed: asbuilt, part, seed, turn, tilt, trap, size, light, item, captures");
     return refuse_all(faults);
   }
   if (!root["asbuilt"] || root["asbuilt"].as<std::string>("") != "scenario/1") fault(1, "asbuilt", "found something else; allowed: scenario/1");
@@ -45,10 +64,18 @@ Result<Done<Scenario>> load_scenario(const std::filesystem::path& file) {
         s.trap_size = kv.second.as<double>();
       } else if (key == "light") {
         s.is_light = kv.second.as<bool>();
+      } else if (key == "captures") {
+        const std::string name = kv.second.as<std::string>();
+        try {
+          s.captures = planned_captures(file.parent_path() / name);
+        } catch (const YAML::Exception& e) {
+          fault(line, key, "found no scans file whose captures give joints in '" + name + "': " + e.what());
+        }
+        if (s.captures.empty()) fault(line, key, "found no capture in '" + name + "'");
       } else if (key == "item") {
         s.item_id = kv.second.as<std::string>();
       } else {
-        fault(line, key, "unknown key; allowed: asbuilt, part, seed, turn, tilt, trap, size, light, item");
+        fault(line, key, "unknown key; allowed: asbuilt, part, seed, turn, tilt, trap, size, light, item, captures");
       }
     } catch (const YAML::Exception&) {
       fault(line, key, "found a value of another type");

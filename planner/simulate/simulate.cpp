@@ -115,7 +115,19 @@ struct Shot {
   int sensor;
   std::string feature;  // empty: none
   BaseFlange T_base_flange;  // wanted
+  std::optional<Joints> q_rad = {};  // where the posture is given with it
+  std::string cloud = {};            // and the file's name
 };
+
+/// What hangs on the flange beside the sensor that looks: tool, cutter, the other sensors.
+Mesh riding_mesh(const CellSpec& cell, int sensor) {
+  const ToolSpec& tool = cell.tools[0];
+  Mesh m = tool.mesh_flange;
+  append(m, transformed(tool.T_flange_tool, cylinder_mesh(0.5 * tool.cutter.shank_diameter_mm, -tool.cutter.length_mm, 0, 16)));
+  for (std::size_t k = 0; k < cell.sensors.size(); ++k)
+    if (static_cast<int>(k) != sensor) append(m, cell.sensors[k].mesh_flange);
+  return m;
+}
 
 /// Where the sensor looks from, for one worked boss: in working orientation from two sides, and leaning over the other two.
 void add_detail_shots(std::vector<Shot>& shots, const std::string& feature, const std::vector<TrueEdge>& edges, const Pose<frame::Base, frame::Part>& T,
@@ -266,7 +278,13 @@ Result<Done<std::filesystem::path>> simulate(const Scenario& sc, const std::file
   std::vector<Shot> shots;
   const Pose<frame::Base, frame::Part> T_expected = T_base_part;  // the inspection plan looked where the part was roughly found
   add_wide_shots(shots, T_expected.point(part.look_at), cell.sensors[0], sc.trap == "flat_views", robot, random);
-  if (sc.trap != "flat_views")
+  for (const PlannedCapture& p : sc.captures) {
+    const auto it = std::find_if(cell.sensors.begin(), cell.sensors.end(), [&](const SensorSpec& x) { return x.id == p.sensor; });
+    if (it == cell.sensors.end())
+      return refuse({.code = "input.bad_scenario", .where = "captures", .message = "found a capture of sensor '" + p.sensor + "', which the virtual cell has not", .stage = "input"});
+    shots.push_back({static_cast<int>(it - cell.sensors.begin()), p.feature, robot.forward(p.q_rad), p.q_rad, p.cloud});
+  }
+  if (sc.trap != "flat_views" && sc.captures.empty())
     for (const std::string& f : part.features) {
       if (sc.trap == "edge_unscanned" && f == part.features.back()) continue;
       add_detail_shots(shots, f, nominal_edges, T_expected, cell.tools[0]);
@@ -293,14 +311,20 @@ Result<Done<std::filesystem::path>> simulate(const Scenario& sc, const std::file
   Json captures_truth = Json::array();
   for (std::size_t shot_index = 0; shot_index < shots.size(); ++shot_index) {
     const Shot& shot = shots[shot_index];
-    const auto q = posture(robot, shot.T_base_flange);
+    const auto q = shot.q_rad ? shot.q_rad : posture(robot, shot.T_base_flange);
     if (!q) continue;
 
     JointVector q_written{};
     for (int i = 0; i < 6; ++i) q_written[i] = rad_from_deg(rounded(deg_from_rad((*q)[i]), 6));
     const BaseFlange T_true = arm.actual(q_written, scatter);
     const SensorModel& model = models[shot.sensor];
-    std::vector<Eigen::Vector3f> points = scan(sc.trap == "part_moved" && shot_index < shots.size() / 2 ? seen_before : seen, cell.sensors[shot.sensor],
+    std::optional<MeshQuery> with_tool;  // a planned view is taken with the tool and the other sensor in the picture
+    if (shot.q_rad) {
+      Mesh all = scene;
+      append(all, transformed(T_true, riding_mesh(cell, shot.sensor)));
+      with_tool.emplace(std::move(all));
+    }
+    std::vector<Eigen::Vector3f> points = scan(with_tool ? *with_tool : sc.trap == "part_moved" && shot_index < shots.size() / 2 ? seen_before : seen, cell.sensors[shot.sensor],
                                                model, T_true * mount_true[shot.sensor], sensor_random, chips);
     if (sc.trap == "edge_unscanned" && shot.sensor == 0) {  // nobody saw that boss
       Vec3 middle = Vec3::Zero();
@@ -318,7 +342,7 @@ Result<Done<std::filesystem::path>> simulate(const Scenario& sc, const std::file
       for (Eigen::Vector3f& p : points) p.setConstant(std::nanf(""));
     if (sc.trap == "nan_points")
       for (std::size_t i = 0; i < points.size(); i += 97) points[i].y() = std::nanf("");
-    const std::string name = fmt::format("{}_{:02}.ply", cell.sensors[shot.sensor].id, n_of[shot.sensor]++);
+    const std::string name = shot.cloud.empty() ? fmt::format("{}_{:02}.ply", cell.sensors[shot.sensor].id, n_of[shot.sensor]++) : shot.cloud;
     write_cloud(batch / item / name, points);
     const BaseFlange T_commanded = robot.forward(q_written);
     const std::string pose = sc.seed % 3 == 0   ? joints_text(q_written)

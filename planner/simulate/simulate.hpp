@@ -3,14 +3,22 @@
 // batch as a user would and, in another folder, the truth. The planner never sees the truth.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <map>
 #include <string>
+#include <vector>
 
 #include "planner/base/result.hpp"
 
 namespace asbuilt {
+
+/// A view that was planned: taken as it stands instead of the simulator's own detail views.
+struct PlannedCapture {
+  std::string sensor, cloud, feature;
+  std::array<double, 6> q_rad{};
+};
 
 struct Scenario {
   std::string part = "ring";       // ring | bracket | casting | freeform
@@ -21,6 +29,7 @@ struct Scenario {
   double trap_size = 1;            // of a fault that has a size: 1 is gross
   bool is_light = false;           // fewer pixels
   std::string item_id;             // "": part and seed
+  std::vector<PlannedCapture> captures;  // of a scans file (as `asbuilt inspect` writes it); empty: the simulator's own
 };
 
 /// Writes out/batch (a complete batch) and out/truth. Refuses input.bad_scenario.

@@ -24,6 +24,7 @@ struct Limits {
   double removal_ratio = 1.10, removal_share_ratio = 0.01;
   double home_rad = 0.0002, frame_mm = 0.002, frame_rad = 4e-6, tool_mm = 0.002, tool_rad = 4e-6;
   double linear_speed_max_mm_s = 2000;
+  double view_mm = 0.1, view_rad = 0.0002;  // a stop for a picture, from where it was planned: printed digits and pulses
 };
 
 void add_check(Verdict& v, const std::string& name, double measured, double limit, const std::string& unit, bool is_passed, const std::string& where);

@@ -104,4 +104,50 @@ Verdict verify_item(const Job& job, const Location& location, const Features& fe
   return v;
 }
 
+Verdict verify_inspection(const Job& job, const Location& location, const Inspection& inspection, const Program& program) {
+  Verdict v;
+  const Limits limits;
+  add_check(v, "numbers", is_finite(program) ? 0 : 1, 0, "count", is_finite(program), "program " + program.name);
+  if (!v.checks.back().is_passed) return v;
+  const Arm arm(job.cell.robot);
+  const Replay r = replay(job.cell, arm, program, {});
+  check_program(v, job.cell, program, r, limits);
+  std::vector<Standing> world = obstacles_of(job.cell);
+  if (!job.fixture.mesh_fixture.triangles.empty())
+    world.emplace_back("fixture", transformed(job.fixture.T_base_fixture, job.fixture.mesh_fixture));
+  const Standing part("part", transformed(location.T_base_part, job.part.brep.mesh));
+  const ToolSpec* tool = tool_of(job.cell, program);
+  check_clearance(v, job.cell, arm, program, r, std::vector<char>(r.samples.size(), 0), tool != nullptr ? &tool->cutter : nullptr,
+                  tool != nullptr ? tool->T_flange_tool : Pose<frame::Flange, frame::Tool>(), world, &part, limits);
+  // stops: where a joint move is followed by a wait
+  std::vector<std::pair<JointVector, int>> stops;
+  double spindle = 0;
+  for (std::size_t i = 0; i < program.instructions.size(); ++i) {
+    if (std::holds_alternative<SpindleOn>(program.instructions[i])) ++spindle;
+    const auto* m = std::get_if<MoveJoint>(&program.instructions[i]);
+    if (m == nullptr) continue;
+    for (std::size_t k = i + 1; k < program.instructions.size(); ++k) {
+      if (std::holds_alternative<Wait>(program.instructions[k])) {
+        stops.emplace_back(m->q_rad, static_cast<int>(i));
+        break;
+      }
+      if (std::holds_alternative<MoveJoint>(program.instructions[k]) || std::holds_alternative<MoveLinear>(program.instructions[k])) break;
+    }
+  }
+  const double missing = std::abs(static_cast<double>(stops.size()) - static_cast<double>(inspection.views.size()));
+  add_check(v, "views.stops", missing, 0, "count", missing == 0, "program " + program.name);
+  double worst_mm = 0, worst_rad = 0;
+  int at = -1;
+  for (std::size_t k = 0; k < std::min(stops.size(), inspection.views.size()); ++k) {
+    const Vec6 xi = twist_between(inspection.views[k].T_base_flange, Pose<frame::Base, frame::Flange>(arm.flange(stops[k].first)));
+    if (xi.head<3>().norm() > worst_mm) worst_mm = xi.head<3>().norm(), at = stops[k].second;
+    worst_rad = std::max(worst_rad, xi.tail<3>().norm());
+  }
+  const std::string place = at < 0 ? "" : place_of(program, at);
+  add_check(v, "views.position", worst_mm, limits.view_mm, "mm", worst_mm <= limits.view_mm, place);
+  add_check(v, "views.orientation", deg_from_rad(worst_rad), deg_from_rad(limits.view_rad), "deg", worst_rad <= limits.view_rad, place);
+  add_check(v, "views.spindle_off", spindle, 0, "count", spindle == 0, "program " + program.name);
+  return v;
+}
+
 }  // namespace asbuilt

@@ -5,6 +5,7 @@
 
 #include "planner/artefacts/burrs.hpp"
 #include "planner/artefacts/features.hpp"
+#include "planner/artefacts/inspection.hpp"
 #include "planner/artefacts/job.hpp"
 #include "planner/artefacts/location.hpp"
 #include "planner/artefacts/program.hpp"
@@ -19,6 +20,9 @@ Verdict verify_program(const CellSpec& cell, const Program& program);
 /// The cell and the item: everything above, plus fixture and part, chamfer legs along the adapted edges, gouge, feed against burr.
 Verdict verify_item(const Job& job, const Location& location, const Features& features, const Burrs& burrs, const ToolPath& path,
                     const Program& program);
+
+/// An inspection program: the cell as above, fixture and part besides, and every view's stop: in order, where it was planned, standing still.
+Verdict verify_inspection(const Job& job, const Location& location, const Inspection& inspection, const Program& program);
 
 /// What was read back against what was planned: every target, orientation, speed, event, in order; to half the last printed digit.
 Verdict compare_programs(const Program& planned, const Program& read_back, double position_step_mm, double angle_step_rad,
