@@ -220,9 +220,9 @@ std::optional<std::vector<JointVector>> find_short_move(const CollisionScene& sc
   const auto s = setting_of(scene, watches, q_start, q_goal);
   if (!s) return std::nullopt;
   s->problem->setOptimizationObjective(std::make_shared<FixedLength>(s->si, q_start, q_goal));
+  // its own tree of neighbours draws pivots from OMPL's generator, but answers exactly whatever they are
   auto planner = std::make_shared<og::BITstar>(s->si);
   planner->setSamplesPerBatch(60);
-  planner->setNearestNeighbors<ompl::NearestNeighborsLinear>();
   planner->setProblemDefinition(s->problem);
   planner->setup();
   int asked = 0;

@@ -9,14 +9,24 @@ namespace asbuilt::simulate_detail {
 
 TrueRobot::TrueRobot(const RobotSpec& spec, const Pose<frame::Flange, frame::Tool>& T_flange_tool, std::uint64_t seed, double absolute_mm,
                      double slow_mm, double quick_mm) {
-  must(std::holds_alternative<OpwParameters>(spec.kinematics), "the virtual robot is given by OPW constants");
-  opw_ = std::get<OpwParameters>(spec.kinematics);
-  const double x4 = opw_.a1_mm + opw_.a2_mm, z3 = opw_.c1_mm + opw_.c2_mm, z5 = z3 + opw_.c3_mm;
   const Vec3 Z = Vec3::UnitZ(), Y = Vec3::UnitY();
-  const std::array<Vec3, 6> w{Z, Y, Y, Z, Y, Z};
-  const std::array<Vec3, 6> p{Vec3(0, 0, 0), Vec3(opw_.a1_mm, 0, opw_.c1_mm), Vec3(opw_.a1_mm, 0, z3), Vec3(x4, opw_.b_mm, z3),
-                              Vec3(x4, opw_.b_mm, z5), Vec3(x4, opw_.b_mm, z5)};
-  at_zero_ = {Eigen::Quaterniond::Identity(), Vec3(x4, opw_.b_mm, z5 + opw_.c4_mm)};
+  std::array<Vec3, 6> w{Z, Y, Y, Z, Y, Z}, p;
+  if (const auto* given = std::get_if<ChainKinematics>(&spec.kinematics)) {
+    must(given->joints.size() == 6, "the virtual robot has six joints");
+    is_chain_ = true;
+    Pose<frame::Base, frame::Base> T;  // base to the joint, every joint at 0
+    for (std::size_t i = 0; i < 6; ++i) {
+      T = T * given->joints[i].T_parent_joint;
+      w[i] = T.direction(given->joints[i].axis).normalized(), p[i] = T.p_mm;
+    }
+    T = T * given->T_last_tip;
+    at_zero_ = {T.q, T.p_mm};
+  } else {
+    opw_ = std::get<OpwParameters>(spec.kinematics);
+    const double x4 = opw_.a1_mm + opw_.a2_mm, z3 = opw_.c1_mm + opw_.c2_mm, z5 = z3 + opw_.c3_mm;
+    p = {Vec3(0, 0, 0), Vec3(opw_.a1_mm, 0, opw_.c1_mm), Vec3(opw_.a1_mm, 0, z3), Vec3(x4, opw_.b_mm, z3), Vec3(x4, opw_.b_mm, z5), Vec3(x4, opw_.b_mm, z5)};
+    at_zero_ = {Eigen::Quaterniond::Identity(), Vec3(x4, opw_.b_mm, z5 + opw_.c4_mm)};
+  }
 
   Random r = Random::stream(seed, "true robot");
   const double shift[6] = {0.15, 0.20, 0.15, 0.12, 0.07, 0.05}, tilt_deg[6] = {0.004, 0.004, 0.003, 0.002, 0.0015, 0.001};
@@ -40,7 +50,8 @@ TrueRobot::TrueRobot(const RobotSpec& spec, const Pose<frame::Flange, frame::Too
     for (int i = 0; i < 6; ++i) {
       // angles of the model are drawn and turned into joints: theta = sign * q - offset
       const double theta_deg = (i == 1 ? 15 : i == 2 ? 85 : 0) + r.uniform(lo[i], hi[i]);
-      q[i] = (rad_from_deg(theta_deg) + opw_.offsets_rad[i]) * opw_.signs[i];
+      q[i] = is_chain_ ? spec.home_rad[i] + rad_from_deg(r.uniform(lo[i], hi[i]) - 0.5 * (lo[i] + hi[i]))
+                       : (rad_from_deg(theta_deg) + opw_.offsets_rad[i]) * opw_.signs[i];
     }
     postures.push_back(q);
   }
@@ -77,7 +88,13 @@ Pose<frame::Base, frame::Flange> TrueRobot::chain(const Joints& q_rad, bool real
   Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
   double theta[6];
   for (int i = 0; i < 6; ++i) theta[i] = opw_.signs[i] * q_rad[i] - opw_.offsets_rad[i];
-  const double lean2 = std::sin(theta[1]), lean3 = std::sin(theta[1] + theta[2]);
+  double lean2 = std::sin(theta[1]), lean3 = std::sin(theta[1] + theta[2]);
+  if (is_chain_) {  // how far the two long members lie down, from the axes themselves
+    const Mat3 R2 = (Eigen::AngleAxisd(theta[0], axes_[0].w) * Eigen::AngleAxisd(theta[1], axes_[1].w)).toRotationMatrix();
+    const Mat3 R3 = R2 * Eigen::AngleAxisd(theta[2], axes_[2].w).toRotationMatrix();
+    lean2 = (R2 * (axes_[2].p - axes_[1].p)).head<2>().norm() / std::max(1.0, (axes_[2].p - axes_[1].p).norm());
+    lean3 = (R3 * (axes_[4].p - axes_[2].p)).head<2>().norm() / std::max(1.0, (axes_[4].p - axes_[2].p).norm());
+  }
   for (int i = 0; i < 6; ++i) {
     const Axis& a = axes_[i];
     double th = theta[i];

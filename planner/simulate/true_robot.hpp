@@ -30,7 +30,8 @@ class TrueRobot {
     Vec3 w, p, dw, dp;
     double zero_rad, wave1_rad, wave2_rad, phase1_rad, phase2_rad;
   };
-  OpwParameters opw_;
+  OpwParameters opw_;           // signs and offsets of the joints; those of a chain are 1 and 0
+  bool is_chain_ = false;       // axes out of a URDF
   std::array<Axis, 6> axes_;
   Pose<frame::Base, frame::Flange> at_zero_;
   std::array<double, 2> sag_rad_{};

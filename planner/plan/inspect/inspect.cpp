@@ -273,7 +273,10 @@ Result<Done<Inspection>> plan_inspection(const InspectRecipe& recipe, const Job&
     for (const EdgeForecast& f : plan.edges)
       if (f.coverage_ratio < recipe.coverage_min_ratio) reasons.push_back(not_covered(shop, f, plan.tried));
     if (!reasons.empty()) {
-      if (blocked) reasons.push_back(*blocked);
+      if (blocked) {
+        blocked->code = "inspect.no_transfer", blocked->stage = kStage;
+        reasons.insert(reasons.begin(), *blocked);
+      }
       return refuse_all(reasons);
     }
     // views that make the worst edge's legs better known, while it fails its gate
