@@ -30,11 +30,13 @@ struct ScanView {
   double clearance_mm = 1e9;         // at the stop
   double joint_margin_rad = 0;
   std::vector<std::string> edges;    // every edge it sees a station of
+  std::vector<double> edges_ratio;   // parallel: share of that edge's stations
   template <class S, class A>
   static void visit(S& s, A&& a) {
     a("name", s.name), a("sensor", s.sensor), a("kind", s.kind), a("feature", s.feature), a("edge", s.edge), a("s_from", s.s_from_mm);
     a("s_to", s.s_to_mm), a("tilt", s.tilt_rad), a("turn", s.turn_rad), a("distance", s.distance_mm), a("q", s.q_rad);
     a("base_flange", s.T_base_flange), a("clearance", s.clearance_mm), a("joint_margin", s.joint_margin_rad), a("edges", s.edges);
+    a("edges_ratio", s.edges_ratio);
   }
 };
 

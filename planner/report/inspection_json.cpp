@@ -42,7 +42,7 @@ std::string inspection_json(const InspectionView& v) {
       row["tilt"] = degrees(w.tilt_rad), row["turn"] = degrees(w.turn_rad), row["distance"] = rounded(w.distance_mm, 3);
       row["joints"] = joints(w.q_rad);
       row["base_flange"] = to_json(w.T_base_flange), row["base_sensor"] = to_json(w.T_base_flange * sensor.T_flange_sensor);
-      row["clearance"] = rounded(w.clearance_mm, 3), row["joint_margin"] = degrees(w.joint_margin_rad), row["edges"] = w.edges;
+      row["clearance"] = rounded(w.clearance_mm, 3), row["joint_margin"] = degrees(w.joint_margin_rad), row["edges"] = w.edges, row["edges_share"] = numbers(w.edges_ratio, 4);
       j["views"].push_back(std::move(row));
     }
     j["edges"] = Json::array();

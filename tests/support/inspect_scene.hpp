@@ -27,6 +27,13 @@ struct InspectScene {
   Location location;
 };
 
+inline Mesh joined(Mesh a, const Mesh& b) {
+  const int n = static_cast<int>(a.vertices.size());
+  a.vertices.insert(a.vertices.end(), b.vertices.begin(), b.vertices.end());
+  for (const auto& t : b.triangles) a.triangles.push_back({t[0] + n, t[1] + n, t[2] + n});
+  return a;
+}
+
 /// A sensor beside the tool that looks at the tool's axis, `beyond_mm` past the tip; sizes times `f`.
 inline SensorSpec detail_sensor(double tool_length_mm, double f = 1, double beyond_mm = 24) {
   SensorSpec s;
@@ -58,6 +65,7 @@ inline InspectScene block_scene(const Mesh& part = box_mesh(Vec3::Zero(), {kBloc
   SmallCell c = small_cell();
   InspectScene s{c.job, c.location};
   s.job.cell.sensors = {detail_sensor(350)};
+  s.job.cell.tools[0].mesh_flange = joined(box_mesh({-45, -45, 0}, {45, 45, 200}), box_mesh({-20, -20, 200}, {20, 20, 294}));  // slim, so that the sensor sees past it
   s.job.cell.tools[0].covariance.diagonal() << 5e-5, 5e-5, 5e-5, 4e-10, 4e-10, 4e-10;
   s.job.part.brep = brep_from_mesh(part);
   s.job.part.id = "block", s.job.batch_id = "test", s.job.taken = "2026-11-22";
@@ -67,13 +75,6 @@ inline InspectScene block_scene(const Mesh& part = box_mesh(Vec3::Zero(), {kBloc
                  return std::all_of(e.p.begin(), e.p.end(), [](const Vec3& p) { return std::abs(p.z() - kBlockZ) < 1e-6; });
                }));
   return s;
-}
-
-inline Mesh joined(Mesh a, const Mesh& b) {
-  const int n = static_cast<int>(a.vertices.size());
-  a.vertices.insert(a.vertices.end(), b.vertices.begin(), b.vertices.end());
-  for (const auto& t : b.triangles) a.triangles.push_back({t[0] + n, t[1] + n, t[2] + n});
-  return a;
 }
 
 inline std::string bytes_of(const std::filesystem::path& file) {

@@ -120,10 +120,12 @@ Refusal not_covered(const Workshop& shop, const EdgeForecast& f, const std::vect
   std::map<std::string, int> count;
   for (const TriedView& t : tried)
     if (t.edge == f.id && t.outcome != "sees enough") count[t.outcome.rfind("sees too little: ", 0) == 0 ? t.outcome.substr(17) : t.outcome] += t.turns_count;
-  std::string why = "nothing was tried", help = "give the edge another feature or leave it out";
-  if (!count.empty()) {
-    const auto most = std::max_element(count.begin(), count.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
-    why = most->first;
+  std::vector<std::pair<std::string, int>> reasons(count.begin(), count.end());
+  std::stable_sort(reasons.begin(), reasons.end(), [](const auto& a, const auto& b) { return a.second > b.second; });
+  std::string all = "nothing was tried", help = "give the edge another feature or leave it out";
+  for (std::size_t i = 0; i < reasons.size() && i < 4; ++i) all = (i == 0 ? "" : all + ", ") + std::to_string(reasons[i].second) + " " + reasons[i].first;
+  if (!reasons.empty()) {
+    const std::string& why = reasons.front().first;
     if (why.rfind("hidden", 0) == 0) help = "turn or lift the part so that both faces of the edge lie open, or take away what hides them";
     else if (why == "too steep") help = "mount the part so that both faces of the edge can be looked at, or allow the sensor a steeper incidence";
     else if (why.rfind("collision", 0) == 0) help = "move what is in the way, or mount the sensor farther from the tool";
@@ -135,7 +137,7 @@ Refusal not_covered(const Workshop& shop, const EdgeForecast& f, const std::vect
   return {.code = "inspect.not_covered",
           .where = "feature " + f.feature + ", edge " + f.id + " from " + fixed_number(from, 1) + " to " + fixed_number(to, 1) + " mm",
           .message = "only " + text_percent(f.coverage_ratio) + " % of the edge can be seen on both faces (" + text_percent(shop.recipe->coverage_min_ratio) +
-                     " % are wanted): most views failed with '" + why + "'; " + help,
+                     " % are wanted); of the views that were tried: " + all + "; " + help,
           .measured = f.coverage_ratio,
           .limit = shop.recipe->coverage_min_ratio,
           .unit = "ratio",
@@ -261,6 +263,10 @@ Result<Done<Inspection>> plan_inspection(const InspectRecipe& recipe, const Job&
 
   // ---- choose, order, join; a view that cannot be driven to is left out and the choice made again
   std::optional<Refusal> blocked;
+  const auto with_blocked = [&](Refusals reasons) {  // what the views that were left out would have given is said with why they were
+    if (blocked) reasons.insert(reasons.begin(), *blocked), reasons.front().code = "inspect.no_transfer", reasons.front().stage = kStage;
+    return reasons;
+  };
   for (int round = 0; round < kRoundsMax; ++round) {
     std::vector<int> chosen = cover(sets, price, is_allowed);
     const auto forecast_of = [&](const std::vector<int>& list) {
@@ -273,11 +279,7 @@ Result<Done<Inspection>> plan_inspection(const InspectRecipe& recipe, const Job&
     for (const EdgeForecast& f : plan.edges)
       if (f.coverage_ratio < recipe.coverage_min_ratio) reasons.push_back(not_covered(shop, f, plan.tried));
     if (!reasons.empty()) {
-      if (blocked) {
-        blocked->code = "inspect.no_transfer", blocked->stage = kStage;
-        reasons.insert(reasons.begin(), *blocked);
-      }
-      return refuse_all(reasons);
+      return refuse_all(with_blocked(reasons));
     }
     // views that make the worst edge's legs better known, while it fails its gate
     for (std::size_t e = 0; e < plan.edges.size(); ++e)
@@ -303,7 +305,7 @@ Result<Done<Inspection>> plan_inspection(const InspectRecipe& recipe, const Job&
                                     " mm: only " + text_percent(f.share_ratio) + " % of the edge would be in tolerance; calibrate the sensor's mount better, use a quieter sensor, or widen the tolerance",
                          .measured = f.sd_worst_mm, .limit = f.sd_limit_mm, .unit = "mm", .stage = kStage});
     }
-    if (!reasons.empty()) return refuse_all(reasons);
+    if (!reasons.empty()) return refuse_all(with_blocked(reasons));
 
     // order
     std::vector<JointVector> places{home};
@@ -352,12 +354,12 @@ Result<Done<Inspection>> plan_inspection(const InspectRecipe& recipe, const Job&
       const Stretch& stretch = stretches[static_cast<std::size_t>(c.stretch)];
       const EdgeStations& edge = shop.edges[static_cast<std::size_t>(stretch.edge)];
       v.feature = edge.feature, v.edge = edge.id, v.s_from_mm = edge.stations[stretch.begin].s_mm, v.s_to_mm = edge.stations[stretch.end - 1].s_mm;
-      for (std::size_t e = 0; e < shop.edges.size(); ++e)
+      for (std::size_t e = 0; e < shop.edges.size(); ++e) {
+        std::size_t seen = 0;
         for (std::size_t k = 0; k < shop.edges[e].stations.size(); ++k)
-          if (is_enough(recipe, c.points[2 * (shop.first_station[e] + k)]) && is_enough(recipe, c.points[2 * (shop.first_station[e] + k) + 1])) {
-            v.edges.push_back(shop.edges[e].id);
-            break;
-          }
+          seen += is_enough(recipe, c.points[2 * (shop.first_station[e] + k)]) && is_enough(recipe, c.points[2 * (shop.first_station[e] + k) + 1]);
+        if (seen > 0) v.edges.push_back(shop.edges[e].id), v.edges_ratio.push_back(static_cast<double>(seen) / static_cast<double>(shop.edges[e].stations.size()));
+      }
       drive(*t, static_cast<int>(plan.views.size()));
       plan.views.push_back(std::move(v));
       at = c.q;
@@ -373,10 +375,7 @@ Result<Done<Inspection>> plan_inspection(const InspectRecipe& recipe, const Job&
     }
     is_allowed[static_cast<std::size_t>(banned)] = 0;
   }
-  if (blocked) {
-    blocked->code = "inspect.no_transfer", blocked->stage = kStage;
-    return refuse(*blocked);
-  }
+  if (blocked) return refuse_all(with_blocked({}));
   std::map<int, int> number;
   for (ScanView& v : plan.views) {
     const int n = number[v.sensor]++;

@@ -34,6 +34,12 @@ double seconds_since(const std::chrono::steady_clock::time_point& t) { return st
 
 struct Summary {
   int plans = 0, refused = 0, edges = 0, within = 0, verified = 0, views = 0;
+  int view_edges = 0, view_within = 0;
+  double view_sum_ratio = 0, view_over_ratio = 0;
+  /// One view alone: what it promises of an edge beside what its own picture holds.
+  void view(double predicted, double simulated) {
+    ++view_edges, view_within += std::abs(predicted - simulated) <= 0.05, view_sum_ratio += std::abs(predicted - simulated), view_over_ratio = std::max(view_over_ratio, predicted - simulated);
+  }
   double worst_ratio = 0, sum_ratio = 0, plan_s = 0, least_simulated = 1, least_clearance_mm = 1e9;
   void edge(double predicted, double simulated) {
     const double d = std::abs(predicted - simulated);
@@ -43,6 +49,7 @@ struct Summary {
     std::printf("%s: %d plans (%d of them with edges refused), %d views, verified %d of %d; edges %d, within 5 %%: %d, worst difference %.1f %%, mean %.2f %%, least simulated coverage %.1f %%, "
                 "least clearance %.1f mm, planning %.1f s a plan\n",
                 name, plans, refused, views, verified, plans, edges, within, 100 * worst_ratio, 100 * sum_ratio / std::max(1, edges), 100 * least_simulated, least_clearance_mm, plan_s / std::max(1, plans));
+    std::printf("%s, single views: %d pairs of view and edge, within 5 %%: %d, mean difference %.2f %%, promised and not held at most %.1f %%\n", name, view_edges, view_within, 100 * view_sum_ratio / std::max(1, view_edges), 100 * view_over_ratio);
     return edges > 0 && within == edges && verified == plans ? 0 : 1;
   }
 };
@@ -82,6 +89,17 @@ std::vector<EdgeStations> true_edges(const Json& truth, double station_mm) {
     out.push_back(std::move(es));
   }
   return out;
+}
+
+/// The true edge with the nearest middle.
+std::size_t nearest_edge(const SeenStations& seen, const Location& location, const EdgeForecast& f) {
+  const Vec3 middle = location.T_base_part.point(f.p_part[f.p_part.size() / 2]);
+  std::size_t at = 0;
+  double least = 1e9;
+  for (std::size_t e = 0; e < seen.edges().size(); ++e)
+    for (const Station& s : seen.edges()[e].stations)
+      if ((s.p - middle).norm() < least) least = (s.p - middle).norm(), at = e;
+  return at;
 }
 
 int run_batches(std::uint64_t first, int count, bool wants_fit) {
@@ -128,8 +146,17 @@ int run_batches(std::uint64_t first, int count, bool wants_fit) {
         if (name.rfind("detail", 0) != 0) continue;
         const auto cloud = read_cloud(bytes_of(root / "after/batch" / item / name), name);
         const auto T = pose_of(c.at("base_sensor"));
-        for (const Eigen::Vector3f& p : cloud->points) seen.add(T.point(p.cast<double>()));
+        SeenStations alone(seen.edges(), 1.0);
+        for (const Eigen::Vector3f& p : cloud->points) seen.add(T.point(p.cast<double>())), alone.add(T.point(p.cast<double>()));
         points += cloud->points.size();
+        for (const ScanView& v : r.inspection->views) {
+          if (v.name + ".ply" != name) continue;
+          for (const EdgeForecast& f : r.inspection->edges) {
+            const auto it = std::find(v.edges.begin(), v.edges.end(), f.id);
+            const double predicted = it == v.edges.end() ? 0 : v.edges_ratio[static_cast<std::size_t>(it - v.edges.begin())], simulated = alone.coverage(nearest_edge(seen, *r.location, f), 6);
+            if (predicted > 0 || simulated > 0) all.view(predicted, simulated);
+          }
+        }
       }
       std::map<std::string, std::pair<double, int>> sd_of_fit;
       if (wants_fit) {
@@ -147,14 +174,7 @@ int run_batches(std::uint64_t first, int count, bool wants_fit) {
       }
       double worst = 0;
       for (const EdgeForecast& f : r.inspection->edges) {
-        // the true edge with the nearest middle
-        const Vec3 middle = r.location->T_base_part.point(f.p_part[f.p_part.size() / 2]);
-        std::size_t at = 0;
-        double least = 1e9;
-        for (std::size_t e = 0; e < seen.edges().size(); ++e)
-          for (const Station& s : seen.edges()[e].stations)
-            if ((s.p - middle).norm() < least) least = (s.p - middle).norm(), at = e;
-        const double simulated = seen.coverage(at, 6);
+        const double simulated = seen.coverage(nearest_edge(seen, *r.location, f), 6);
         all.edge(f.coverage_ratio, simulated);
         worst = std::max(worst, std::abs(f.coverage_ratio - simulated));
         double mean_sd = 0;
@@ -246,7 +266,16 @@ int run_cad(int seeds) {
         for (const ScanView& v : p.views) {
           const auto T = real.actual(v.q_rad, random);
           const MeshQuery all_of_it(joined(scene, transformed(T, tool)));
-          for (const Eigen::Vector3f& q : simulate_detail::scan(all_of_it, sheet, model, T * mount, random)) seen.add((T * mount).point(q.cast<double>()));
+          SeenStations alone(seen.edges(), 1.0);
+          for (const Eigen::Vector3f& q : simulate_detail::scan(all_of_it, sheet, model, T * mount, random)) {
+            const Vec3 at = (T * mount).point(q.cast<double>());
+            seen.add(at), alone.add(at);
+          }
+          for (std::size_t e = 0; e < p.edges.size(); ++e) {
+            const auto it = std::find(v.edges.begin(), v.edges.end(), p.edges[e].id);
+            const double predicted = it == v.edges.end() ? 0 : v.edges_ratio[static_cast<std::size_t>(it - v.edges.begin())], simulated = alone.coverage(e, 6);
+            if (predicted > 0 || simulated > 0) all.view(predicted, simulated);
+          }
         }
         for (std::size_t e = 0; e < p.edges.size(); ++e) {
           const double simulated = seen.coverage(e, 6);

@@ -113,7 +113,7 @@ TEST(Tour, is_the_shortest_of_all_where_all_can_be_tried_and_no_two_legs_can_be_
 TEST(RayTree, answers_as_trying_every_triangle_does) {
   Random r(6);
   Mesh m;
-  for (int i = 0; i < 300; ++i) {
+  for (int i = 0; i < 900; ++i) {
     const Vec3 c(r.uniform(800, 1200), r.uniform(-200, 200), r.uniform(500, 900));
     for (int k = 0; k < 3; ++k) m.vertices.push_back(c + Vec3(r.normal(0, 15), r.normal(0, 15), r.normal(0, 15)));
     m.triangles.push_back({3 * i, 3 * i + 1, 3 * i + 2});
