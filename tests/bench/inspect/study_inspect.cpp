@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // What an inspection plan promises against what simulated pictures from its views hold.
-//   study_inspect batches [FIRST_SEED COUNT [fit]]  ring and bracket of the virtual cell, through files: simulate, inspect (three languages), simulate
+//   study_inspect batches [FIRST_SEED COUNT [fit]]  ring and bracket (others: name them behind, ring,bracket,casting,freeform) of the virtual cell, through files: simulate, inspect (three languages), simulate
 //                                            again from the planned captures; with `fit`: predicted sd beside the fit's own
 //   study_inspect cad [COUNT_OF_SEEDS]       two parts of other CAD systems before two URDF arms whose real arm differs
 // Prints one line an edge group and a summary; exit 0 when every edge agrees within 5 %.
@@ -102,10 +102,10 @@ std::size_t nearest_edge(const SeenStations& seen, const Location& location, con
   return at;
 }
 
-int run_batches(std::uint64_t first, int count, bool wants_fit) {
+int run_batches(std::uint64_t first, int count, bool wants_fit, const std::vector<std::string>& parts) {
   Summary all;
   const fs::path root = fs::temp_directory_path() / "asbuilt_study_inspect";
-  for (const char* part : {"ring", "bracket"})
+  for (const std::string& part : parts)
     for (std::uint64_t seed = first; seed < first + static_cast<std::uint64_t>(count); ++seed) {
       fs::remove_all(root);
       Scenario scenario;
@@ -124,7 +124,7 @@ int run_batches(std::uint64_t first, int count, bool wants_fit) {
       ++all.plans, all.plan_s += took;
       if (r.status != ItemStatus::emitted) {
         ++all.refused;
-        for (const Refusal& why : r.reasons) std::printf("%s %llu: %s %s: %s\n", part, static_cast<unsigned long long>(seed), why.code.c_str(), why.where.c_str(), why.message.c_str());
+        for (const Refusal& why : r.reasons) std::printf("%s %llu: %s %s: %s\n", part.c_str(), static_cast<unsigned long long>(seed), why.code.c_str(), why.where.c_str(), why.message.c_str());
         continue;
       }
       all.views += static_cast<int>(r.inspection->views.size());
@@ -145,7 +145,7 @@ int run_batches(std::uint64_t first, int count, bool wants_fit) {
         const std::string name = c.at("cloud").get<std::string>();
         if (name.rfind("detail", 0) != 0) continue;
         const auto cloud = read_cloud(bytes_of(root / "after/batch" / item / name), name);
-        const auto T = pose_of(c.at("base_sensor"));
+        const auto T = pose_of(c.at("base_sensor_true"));
         SeenStations alone(seen.edges(), 1.0);
         for (const Eigen::Vector3f& p : cloud->points) seen.add(T.point(p.cast<double>())), alone.add(T.point(p.cast<double>()));
         points += cloud->points.size();
@@ -179,15 +179,15 @@ int run_batches(std::uint64_t first, int count, bool wants_fit) {
         worst = std::max(worst, std::abs(f.coverage_ratio - simulated));
         double mean_sd = 0;
         for (const double sd : f.sd_mm) mean_sd += (std::isfinite(sd) ? sd : 0) / static_cast<double>(f.sd_mm.size());
-        std::printf("  %-7s %3llu edge %-8s predicted %6.2f %% (working %5.1f, normal %5.1f) simulated %6.2f %%  sd of a leg %.4f mm%s\n", part, static_cast<unsigned long long>(seed), f.id.c_str(),
+        std::printf("  %-7s %3llu edge %-8s predicted %6.2f %% (working %5.1f, normal %5.1f) simulated %6.2f %%  sd of a leg %.4f mm%s\n", part.c_str(), static_cast<unsigned long long>(seed), f.id.c_str(),
                     100 * f.coverage_ratio, 100 * f.coverage_working_ratio, 100 * f.coverage_normal_ratio, 100 * simulated, mean_sd,
                     sd_of_fit.count(f.id) && sd_of_fit[f.id].second > 0 ? fmt::format(", the fit says {:.4f}", sd_of_fit[f.id].first / sd_of_fit[f.id].second).c_str() : "");
       }
-      std::printf("%s %llu: %zu views, %zu points, %zu edges, worst difference %.1f %%, moves %.1f s, clearance %.1f mm, verified in 3 languages: %s, %.1f s\n", part,
+      std::printf("%s %llu: %zu views, %zu points, %zu edges, worst difference %.1f %%, moves %.1f s, clearance %.1f mm, verified in 3 languages: %s, %.1f s\n", part.c_str(),
                   static_cast<unsigned long long>(seed), r.inspection->views.size(), points, r.inspection->edges.size(), 100 * worst, r.inspection->motion.duration_s, r.inspection->motion.clearance_min_mm, is_ok ? "yes" : "NO", took);
       std::fflush(stdout);
     }
-  return all.print("ring and bracket");
+  return all.print("virtual batches");
 }
 
 Vec6 drawn_twist(const Mat6& covariance, Random& random) {
@@ -262,6 +262,7 @@ int run_cad(int seeds) {
         simulate_detail::SensorModel model;
         const SensorSpec& sheet = s.job.cell.sensors[0];
         model.pitch_mm = sheet.field_of_view_mm[0] / (*sheet.pixels_count)[0], model.noise_mm = sheet.noise_mm, model.baseline_mm = sheet.second_ray_mm->x();
+        simulate_detail::draw_device(model, random);
         const Mesh tool = joined(s.job.cell.tools[0].mesh_flange, transformed(s.job.cell.tools[0].T_flange_tool, box_mesh(Vec3(-4, -4, -55), Vec3(4, 4, 0))));
         for (const ScanView& v : p.views) {
           const auto T = real.actual(v.q_rad, random);
@@ -292,12 +293,21 @@ int run_cad(int seeds) {
   return all.print("other CAD, URDF arms");
 }
 
+std::vector<std::string> words_of(const std::string& text) {
+  std::vector<std::string> out{""};
+  for (const char c : text)
+    if (c == ',') out.emplace_back();
+    else out.back() += c;
+  return out;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   const std::string mode = argc > 1 ? argv[1] : "";
-  if (mode == "batches") return run_batches(argc > 2 ? std::stoull(argv[2]) : 201, argc > 3 ? std::stoi(argv[3]) : 5, argc > 4 && std::string(argv[4]) == "fit");
+  if (mode == "batches") return run_batches(argc > 2 ? std::stoull(argv[2]) : 201, argc > 3 ? std::stoi(argv[3]) : 5, argc > 4 && std::string(argv[4]) == "fit",
+                                              argc > 5 ? words_of(argv[5]) : std::vector<std::string>{"ring", "bracket"});
   if (mode == "cad") return run_cad(argc > 2 ? std::stoi(argv[2]) : 5);
-  std::printf("study_inspect batches [FIRST_SEED COUNT [fit]] | cad [COUNT_OF_SEEDS]\n");
+  std::printf("study_inspect batches [FIRST_SEED COUNT [fit|nofit [PART,..]]] | cad [COUNT_OF_SEEDS]\n");
   return 2;
 }
