@@ -227,7 +227,7 @@ std::optional<std::vector<JointVector>> find_short_move(const CollisionScene& sc
   planner->setup();
   int asked = 0;
   const CertifiedMotion& motions = *s->motions;
-  const ob::PlannerTerminationCondition budget([&] { return motions.count() >= certificates_count || ++asked > 200 * certificates_count; });
+  const ob::PlannerTerminationCondition budget([&] { return motions.count() >= certificates_count || ++asked > 20 * certificates_count; });
   const ob::PlannerStatus status = planner->solve(budget);
   if (status != ob::PlannerStatus::EXACT_SOLUTION) return std::nullopt;
   return shortened(scene, watches, path_of(s->problem));

@@ -17,4 +17,7 @@ namespace asbuilt::inspecting {
 ///           the working one, scatter of both motions; and the tool.
 std::vector<EdgeForecast> forecast(const Workshop& shop, const RobotErrorModel& errors, const std::vector<const ViewCandidate*>& views);
 
+/// The same of one edge alone (index into Workshop::edges).
+EdgeForecast forecast_edge(const Workshop& shop, const RobotErrorModel& errors, const std::vector<const ViewCandidate*>& views, std::size_t edge);
+
 }  // namespace asbuilt::inspecting

@@ -18,7 +18,7 @@ using namespace inspecting;
 namespace {
 
 constexpr const char* kStage = "inspect";
-constexpr int kShortMoveCertificates = 160, kRoundsMax = 8;
+constexpr int kRoundsMax = 3;
 constexpr double kFluteFixture_mm = 1.5;
 
 std::string text_mm(double v) { return fixed_number(v, 2); }
@@ -84,7 +84,7 @@ Result<Transfer> short_transfer(const Workshop& shop, const PassTools& tools, co
   if (straight.is_free) return Transfer{{a, b}, straight.clearance_mm};
   const double ratio = shop.recipe->transfer_speed_ratio;
   auto raised = plan_transfer(a, b, tools, shop.watches, 0, where);
-  const auto found = find_short_move(scene, shop.watches, a, b, kShortMoveCertificates);
+  const auto found = find_short_move(scene, shop.watches, a, b, shop.recipe->short_move_count);
   if (found) {
     const Certificate c = scene.certify(shop.watches, {*found, false});
     if (c.is_free && (!raised || way_time_s(shop.cell_spec->robot, *found, ratio) < way_time_s(shop.cell_spec->robot, raised->q_rad, ratio)))
@@ -281,21 +281,26 @@ Result<Done<Inspection>> plan_inspection(const InspectRecipe& recipe, const Job&
     if (!reasons.empty()) {
       return refuse_all(with_blocked(reasons));
     }
-    // views that make the worst edge's legs better known, while it fails its gate
+    // more views while stations are known less well than the recipe leaves: what sees them from a posture too unlike the working one
+    const auto lacking = [](const EdgeForecast& f) {
+      return f.sd_limit_mm > 0 ? std::count_if(f.sd_mm.begin(), f.sd_mm.end(), [&](double sd) { return std::isfinite(sd) && sd > f.sd_limit_mm; }) : 0;
+    };
     for (std::size_t e = 0; e < plan.edges.size(); ++e)
-      while (plan.edges[e].sd_limit_mm > 0 && plan.edges[e].share_ratio < shop.edges[e].recipe->gate_probability_ratio) {
+      while (lacking(plan.edges[e]) > 0) {
         int best = -1;
-        double best_share = plan.edges[e].share_ratio + 1e-3;
-        std::vector<EdgeForecast> best_edges;
+        auto best_lack = lacking(plan.edges[e]);
         for (std::size_t i = 0; i < candidates.size(); ++i) {
-          if (!is_allowed[i] || std::find(chosen.begin(), chosen.end(), static_cast<int>(i)) != chosen.end() || stretches[static_cast<std::size_t>(candidates[i].stretch)].edge != static_cast<int>(e)) continue;
-          std::vector<int> with = chosen;
-          with.push_back(static_cast<int>(i));
-          auto edges = forecast_of(with);
-          if (edges[e].share_ratio > best_share) best_share = edges[e].share_ratio, best = static_cast<int>(i), best_edges = std::move(edges);
+          if (!is_allowed[i] || std::find(chosen.begin(), chosen.end(), static_cast<int>(i)) != chosen.end()) continue;
+          if (stretches[static_cast<std::size_t>(candidates[i].stretch)].edge != static_cast<int>(e)) continue;
+          std::vector<const ViewCandidate*> with;
+          for (const int c : chosen) with.push_back(&candidates[static_cast<std::size_t>(c)]);
+          with.push_back(&candidates[i]);
+          const auto lack = lacking(forecast_edge(shop, errors, with, e));
+          if (lack < best_lack) best_lack = lack, best = static_cast<int>(i);
         }
         if (best < 0) break;
-        chosen.push_back(best), plan.edges = std::move(best_edges);
+        chosen.push_back(best);
+        plan.edges = forecast_of(chosen);
       }
     for (std::size_t e = 0; e < plan.edges.size(); ++e) {
       const EdgeForecast& f = plan.edges[e];

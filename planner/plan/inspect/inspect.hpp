@@ -26,14 +26,15 @@ struct InspectRecipe {
   double singularity_min_ratio = 0.02;  // of the posture at the stop
   double transfer_speed_ratio = 0.3;
   double correlation_count = 4;         // neighbouring points share their noise: so many count as one
-  int planner_iterations_count = 4000;  // of the search for a free move
+  int short_move_count = 160;           // moves that BIT* tries where the straight one is blocked
+  int planner_iterations_count = 4000;  // of the search where neither it nor a raised way was found
   template <class S, class A>
   static void visit(S& s, A&& a) {
     a("station", s.station_mm), a("cone", s.cone_rad), a("cone_count", s.cone_count), a("turns", s.turns_count), a("stretch", s.stretch_ratio);
     a("points_min", s.points_min_count), a("points_reserve", s.points_reserve_ratio), a("coverage_min", s.coverage_min_ratio);
     a("aim_margin", s.aim_margin_mm), a("clearance", s.clearance_mm), a("joint_margin", s.joint_margin_rad);
     a("singularity_min", s.singularity_min_ratio), a("transfer_speed", s.transfer_speed_ratio), a("correlation", s.correlation_count);
-    a("planner_iterations", s.planner_iterations_count);
+    a("short_move", s.short_move_count), a("planner_iterations", s.planner_iterations_count);
   }
 };
 

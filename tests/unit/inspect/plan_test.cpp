@@ -7,6 +7,8 @@
 #include "planner/plan/inspect/forecast.hpp"
 #include "planner/plan/inspect/inspect.hpp"
 #include "planner/plan/inspect/program.hpp"
+#include "planner/plan/motion/cell_scene.hpp"
+#include "planner/robot/free_move.hpp"
 #include "planner/verify/verify.hpp"
 #include "tests/support/inspect_scene.hpp"
 
@@ -260,12 +262,36 @@ TEST(Inspect, an_arm_that_cannot_leave_home_is_refused_with_what_is_in_the_way) 
   for (Obstacle& o : s.job.cell.obstacles)
     if (o.name == "cage") o.mesh_base = transformed(aside, o.mesh_base);
   InspectRecipe recipe;
-  recipe.planner_iterations_count = 60;
+  recipe.planner_iterations_count = 10, recipe.short_move_count = 3;
   const auto r = plan_inspection(recipe, s.job, s.location);
   ASSERT_FALSE(r.has_value());
   bool is_said = false;
   for (const Refusal& why : r.error()) is_said |= why.code == "inspect.no_transfer" && why.message.find("cage") != std::string::npos;
   EXPECT_TRUE(is_said) << r.error().front().code << " " << r.error().front().where << " " << r.error().front().message;
+}
+
+TEST(ShortMove, goes_round_what_is_in_the_way_certified_and_the_same_every_time) {
+  InspectScene s = block_scene();
+  const Robot robot = *Robot::from(s.job.cell.robot);
+  const JointVector home = s.job.cell.robot.home_rad;
+  JointVector a = home, b = home;
+  a[0] -= 0.45, b[0] += 0.45;
+  const Vec3 p = robot.forward(home).p_mm;
+  s.job.cell.obstacles.push_back({"post", box_mesh(p + Vec3(-60, -60, -900), p + Vec3(60, 60, -150))});
+  const CellScene cell = cell_scene(robot, s.job, s.job.part.brep.mesh, s.location, s.job.cell.tools[0], 3, 1.5, 1);
+  const auto watches = cell.with_flute(3);
+  EXPECT_FALSE(cell.scene.certify(watches, {{a, b}, false}).is_free);
+  const auto q = find_short_move(cell.scene, watches, a, b, 80), again = find_short_move(cell.scene, watches, a, b, 80);
+  ASSERT_TRUE(q.has_value());
+  ASSERT_TRUE(again.has_value());
+  EXPECT_EQ(*q, *again);
+  EXPECT_EQ(q->front(), a);
+  EXPECT_EQ(q->back(), b);
+  EXPECT_TRUE(cell.scene.certify(watches, {*q, false}).is_free);
+  EXPECT_GE(q->size(), 3u);
+  // no way at all: into the post
+  JointVector inside = home;
+  EXPECT_FALSE(find_short_move(cell.scene, watches, a, inside, 20).has_value());
 }
 
 }  // namespace
