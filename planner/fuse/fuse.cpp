@@ -139,6 +139,12 @@ struct Prepared {
   std::size_t outlier_count = 0;
 };
 
+/// What gives points: a capture of the job, or a view of a stream with the noise that averaging left it.
+struct Source {
+  const Capture* capture;
+  SensorSpec sensor;
+};
+
 double sigma_factor(const Eigen::Vector3f& p, const Eigen::Vector3f& n, double working_distance_mm) {
   const double range = p.norm();
   const double at = working_distance_mm > 0 ? range / working_distance_mm : 1.0;
@@ -207,7 +213,7 @@ Prepared prepare(const Points& raw, const SensorSpec& sensor, const FuseRecipe& 
 
 }  // namespace
 
-Result<Done<MeasuredCloud>> fuse(const FuseRecipe& recipe, const Job& job) {
+Result<Done<MeasuredCloud>> fuse(const FuseRecipe& recipe, const Job& job, const FrameSource& frames) {
   if (job.captures.empty())
     return refuse({.code = "fuse.no_points",
                    .where = "item " + job.item_id,
@@ -219,7 +225,7 @@ Result<Done<MeasuredCloud>> fuse(const FuseRecipe& recipe, const Job& job) {
   Refusals refusals;
   std::size_t finite_count = 0, dropped_count = 0;
   for (const Capture& c : job.captures) {
-    finite_count += c.points_sensor.size(), dropped_count += c.dropped_count;
+    finite_count += c.points_sensor.size() + (c.stream ? c.stream->frames.size() : 0), dropped_count += c.dropped_count;
     must(c.sensor >= 0 && c.sensor < static_cast<int>(job.cell.sensors.size()), "fuse: a capture names no sensor of the cell");
     const SensorSpec& s = job.cell.sensors[static_cast<std::size_t>(c.sensor)];
     if (!s.is_calibrated)
@@ -239,20 +245,43 @@ Result<Done<MeasuredCloud>> fuse(const FuseRecipe& recipe, const Job& job) {
                    .unit = "points",
                    .stage = "fuse"});
 
-  std::vector<Prepared> prepared(job.captures.size());
-  tbb::parallel_for(std::size_t{0}, job.captures.size(), [&](std::size_t k) {
-    const Capture& c = job.captures[k];
-    if (c.points_sensor.size() >= 10) prepared[k] = prepare(c.points_sensor, job.cell.sensors[static_cast<std::size_t>(c.sensor)], recipe);
-  });
-
+  // streams become captures as a standing sensor would have given them; one after the other, each uses all threads by itself
   Done<MeasuredCloud> done;
   MeasuredCloud& cloud = done.artefact;
-  std::size_t total = 0;
-  for (const Prepared& p : prepared) total += p.points.size();
-  cloud.p_base.reserve(total), cloud.n_base.reserve(total), cloud.sigma_mm.reserve(total), cloud.capture.reserve(total);
+  std::vector<FusedStream> streams(job.captures.size());
+  std::vector<Source> sources;
   for (std::size_t k = 0; k < job.captures.size(); ++k) {
     const Capture& c = job.captures[k];
     const SensorSpec& sensor = job.cell.sensors[static_cast<std::size_t>(c.sensor)];
+    if (!c.stream) {
+      sources.push_back({&c, sensor});
+      continue;
+    }
+    auto fused = fuse_stream(recipe.stream, c, sensor, frames);
+    if (!fused) {
+      refusals.insert(refusals.end(), fused.error().begin(), fused.error().end());
+      continue;
+    }
+    done.notes.insert(done.notes.end(), fused->notes.begin(), fused->notes.end());
+    cloud.streams.push_back(fused->artefact.summary);
+    streams[k] = std::move(fused->artefact);
+    for (const FusedStream::View& v : streams[k].views) sources.push_back({&v.capture, sensor}), sources.back().sensor.noise_mm = v.noise_mm;
+    if (streams[k].views.empty())
+      done.notes.push_back({Note::Level::warning, "fuse.empty_capture", "The stream holds no usable view.", c.name});
+  }
+  if (!refusals.empty()) return refuse_all(std::move(refusals));
+
+  std::vector<Prepared> prepared(sources.size());
+  tbb::parallel_for(std::size_t{0}, sources.size(), [&](std::size_t k) {
+    if (sources[k].capture->points_sensor.size() >= 10) prepared[k] = prepare(sources[k].capture->points_sensor, sources[k].sensor, recipe);
+  });
+
+  std::size_t total = 0;
+  for (const Prepared& p : prepared) total += p.points.size();
+  cloud.p_base.reserve(total), cloud.n_base.reserve(total), cloud.sigma_mm.reserve(total), cloud.capture.reserve(total);
+  for (std::size_t k = 0; k < sources.size(); ++k) {
+    const Capture& c = *sources[k].capture;
+    const SensorSpec& sensor = sources[k].sensor;
     CloudCapture out;
     out.name = c.name, out.sensor = c.sensor, out.feature = c.feature, out.T_base_flange = c.T_base_flange, out.q_rad = c.q_rad;
     out.T_base_sensor = c.T_base_flange * sensor.T_flange_sensor;

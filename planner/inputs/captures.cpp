@@ -11,13 +11,10 @@
 
 namespace asbuilt::inputs {
 
-namespace {
-
-/// Clouds are mm by contract. Metres, or a cloud that is no view of anything in range, are told by the distances.
-void check_unit(Item& item, const Capture& c, const SensorSpec& sensor, const std::string& field) {
-  if (!(sensor.range_mm[1] > 0)) return;
+void check_unit(Item& item, const std::vector<Eigen::Vector3f>& points, const SensorSpec& sensor, const std::string& field) {
+  if (!(sensor.range_mm[1] > 0) || points.empty()) return;
   std::vector<float> distance;
-  for (std::size_t i = 0; i < c.points_sensor.size(); i += 1 + c.points_sensor.size() / 1000) distance.push_back(c.points_sensor[i].norm());
+  for (std::size_t i = 0; i < points.size(); i += 1 + points.size() / 1000) distance.push_back(points[i].norm());
   std::nth_element(distance.begin(), distance.begin() + std::ptrdiff_t(distance.size() / 2), distance.end());
   const double median = distance[distance.size() / 2];
   if (median < sensor.range_mm[0] / 20 || median > sensor.range_mm[1] * 20)
@@ -27,6 +24,8 @@ void check_unit(Item& item, const Capture& c, const SensorSpec& sensor, const st
                     sensor.id, sensor.range_mm[0], sensor.range_mm[1]),
         median, median < sensor.range_mm[0] ? sensor.range_mm[0] : sensor.range_mm[1], "mm");
 }
+
+namespace {
 
 void read_points(Item& item, const CaptureText& t, const std::string& field, const SensorSpec* sensor, Capture& c) {
   YamlSource<ScansFile>& s = item.scans;
@@ -57,7 +56,7 @@ void read_points(Item& item, const CaptureText& t, const std::string& field, con
          .limit = 1,
          .unit = "points",
          .stage = "input"});
-  else if (sensor) check_unit(item, c, *sensor, field);
+  else if (sensor) check_unit(item, c.points_sensor, *sensor, field);
 }
 
 }  // namespace
@@ -82,12 +81,6 @@ std::vector<Capture> captures_of(Item& item, const CellSpec& cell) {
       s.out.fault("input.sensor_not_calibrated", at + ".sensor",
                   "found a capture of sensor '" + t.sensor + "', which " + item.calibration.out.name +
                       " does not name; calibrate it: without its covariance nothing can be said about the scan");
-    if (t.frames || t.profiles) {
-      s.out.fault(t.frames ? "input.depth_stream_not_supported" : "input.profile_stream_not_supported", at,
-                  std::string("found a stream of ") + (t.frames ? "depth frames" : "profiles") +
-                      ", which this version cannot fuse; allowed snapshots: {sensor, cloud, base_flange}");
-      continue;
-    }
     if (t.feature) {
       c.feature = t.feature;
       const auto& features = item.part.value.features;
@@ -130,13 +123,14 @@ std::vector<Capture> captures_of(Item& item, const CellSpec& cell) {
             fmt::format("found the flange {:.3g} mm from the origin of base, allowed outside the robot's own foot; lengths are mm", reach),
             reach, 30, "mm");
     }
-    if (t.cloud) {
-      c.name = *t.cloud;
-      if (const auto [it, is_new] = first.try_emplace(*t.cloud, at); !is_new)
-        s.out.fault("input.cloud_twice", at + ".cloud",
-                    "found the cloud '" + shown(*t.cloud) + "', which " + it->second +
-                        " names already, allowed once: one scan was not taken from two places");
-      read_points(item, t, at + ".cloud", sensor, c);
+    if (t.cloud || t.frames || t.profiles) {
+      c.name = t.cloud ? *t.cloud : t.frames ? *t.frames : *t.profiles;
+      const std::string field = at + (t.cloud ? ".cloud" : t.frames ? ".frames" : ".profiles");
+      if (const auto [it, is_new] = first.try_emplace(c.name, at); !is_new)
+        s.out.fault("input.cloud_twice", field,
+                    "found '" + shown(c.name) + "', which " + it->second + " names already, allowed once: one scan was not taken from two places");
+      if (t.cloud) read_points(item, t, field, sensor, c);
+      else read_stream(item, t, at, cell, sensor, c);
     }
     captures.push_back(std::move(c));
   }

@@ -95,16 +95,28 @@ struct CalibrationFile {
   }
 };
 
+enum class Clocks { common, separate };
+template <>
+struct Words<Clocks> {
+  static constexpr WordList<Clocks, 2> list{{{"common", Clocks::common}, {"separate", Clocks::separate}}};
+};
 struct SyncText {
   std::optional<std::string> flash;
+  std::optional<Clocks> clocks;
+  double offset_s = 0;
+  std::optional<double> offset_sd_s;
   template <class S, class V>
   static void fields(S& s, V& v) {
-    v("flash", s.flash, {.is_optional = true, .doc = "name of the log's channel that shows the flash"});
+    v("flash", s.flash, {.is_optional = true, .doc = "name of the log's channel that shows the flash: FLASH, or Digin.o1 of a packet's tag"});
+    v("clocks", s.clocks,
+      {.is_optional = true, .doc = "common: both were stamped by one clock; separate: the offset is found from flash and motion. Absent: separate with a flash, else common"});
+    v("offset", s.offset_s, {.unit = "s", .min = -1e9, .max = 1e9, .is_optional = true, .doc = "robot's time minus sensor's, with common clocks; 0 where absent"});
+    v("offset_sd", s.offset_sd_s, {.unit = "s", .min = 0, .max = 1, .is_optional = true, .doc = "its standard deviation; 0.002 where absent"});
   }
 };
 struct CaptureText {
   std::string sensor;
-  std::optional<std::string> cloud, frames, profiles, intrinsics, robot_log, feature;
+  std::optional<std::string> cloud, frames, profiles, intrinsics, robot_log, log_tool, feature;
   std::optional<SyncText> sync;
   std::optional<PoseText> base_flange;
   template <class S, class V>
@@ -113,8 +125,9 @@ struct CaptureText {
     v("cloud", s.cloud, {.is_optional = true, .form = Form::file, .doc = "PLY, PCD or XYZ, in the sensor's frame, mm"});
     v("frames", s.frames, {.is_optional = true, .form = Form::file, .doc = "folder of 16-bit depth images of a moving sensor"});
     v("profiles", s.profiles, {.is_optional = true, .form = Form::file, .doc = "CSV of the profiles of a moving line scanner"});
-    v("intrinsics", s.intrinsics, {.is_optional = true, .form = Form::file, .doc = "of the depth camera"});
+    v("intrinsics", s.intrinsics, {.is_optional = true, .form = Form::file, .doc = "JSON of the depth camera, or of a line scanner that gives pixels"});
     v("robot_log", s.robot_log, {.is_optional = true, .form = Form::file, .doc = "where the robot was: RSI XML or CSV"});
+    v("log_tool", s.log_tool, {.is_optional = true, .form = Form::id, .doc = "tool whose pose the log holds; the flange where absent"});
     v("sync", s.sync, {.is_optional = true, .doc = "how the two clocks are matched"});
     v("base_flange", s.base_flange,
       {.is_optional = true, .allows_joints = true, .doc = "flange in base as commanded, or the joints; required with cloud"});

@@ -55,6 +55,10 @@ FixtureSpec fixture_of(Item& item);
 PartSpec part_of(Item& item, const std::vector<Recipe>& recipes);
 // edges.cpp: indices into brep.edges, ascending; faults in item.part.out
 std::vector<int> choose_edges(Item& item, const Brep& brep, const FeatureText& feature, const std::string& field, bool needs_convex);
+// streams.cpp: files of a stream -> Capture::stream (and its points, for profiles); faults in item.scans.out and item.faults
+void read_stream(Item& item, const CaptureText& text, const std::string& at, const CellSpec& cell, const SensorSpec* sensor, Capture& capture);
+/// Clouds are mm by contract. Metres, or a cloud that is no view of anything in range, are told by the distances.
+void check_unit(Item& item, const std::vector<Eigen::Vector3f>& points, const SensorSpec& sensor, const std::string& field);
 // captures.cpp
 std::vector<Capture> captures_of(Item& item, const CellSpec& cell);
 
