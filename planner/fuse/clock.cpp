@@ -197,7 +197,8 @@ std::optional<MotionOffset> solve_offset(const std::vector<MotionPair>& pairs, c
 std::optional<OffsetSearch> search_offset(const std::vector<MotionPair>& pairs, const Trajectory& robot, const Pose<frame::Flange, frame::Sensor>& X, double low_s, double high_s,
                                           double step_s) {
   std::vector<double> floor;
-  for (const MotionPair& p : pairs) floor.push_back(best_of(p));
+  int good = 0;
+  for (const MotionPair& p : pairs) floor.push_back(best_of(p)), good += p.points_count > 50;
   const int steps = static_cast<int>(std::clamp((high_s - low_s) / step_s, 1.0, 200000.0));
   std::vector<double> cost(static_cast<std::size_t>(steps) + 1, std::numeric_limits<double>::infinity());
   for (int i = 0; i <= steps; ++i) {
@@ -213,7 +214,7 @@ std::optional<OffsetSearch> search_offset(const std::vector<MotionPair>& pairs, 
       sum += std::sqrt(std::max(0.0, value_of(pairs[k], x) - floor[k]) / pairs[k].points_count);  // rms: one bad pair does not decide
       ++used;
     }
-    if (used >= 5 && used >= static_cast<int>(pairs.size()) / 2) cost[static_cast<std::size_t>(i)] = sum / used;
+    if (used >= 5 && used >= good / 2) cost[static_cast<std::size_t>(i)] = sum / used;
   }
   const auto best = std::min_element(cost.begin(), cost.end());
   if (!std::isfinite(*best)) return std::nullopt;

@@ -43,7 +43,7 @@ Equations equations(const DepthFrame& first, const DepthFrame& second, const Cam
     const Vec3 nR = R.transpose() * n;
     J.head<3>() = nR;
     J.segment<3>(3) = p.cross(nR);
-    J(6) = n.dot(R * p - q);  // d/db of n . (R (1+b) p + t - (1+b) q)
+    J(6) = -n.dot(t);  // d/db of n . (R (1+b) p + t - (1+b) q) = n . (R p - q), without the reading's own noise, which would pull b down
     e.A += weight * J * J.transpose();
     e.g += weight * J * r;
     e.c += weight * r * r;
@@ -57,7 +57,7 @@ Equations equations(const DepthFrame& first, const DepthFrame& second, const Cam
 MotionPair motion_pair(const DepthFrame& first, const DepthFrame& second, const CameraRays& rays, double sigma_mm, const Eigen::Isometry3d& start) {
   MotionPair pair;
   pair.motion = start;
-  double reach = std::max(3.0, 25 * sigma_mm);
+  double reach = std::max(start.isApprox(Eigen::Isometry3d::Identity()) ? 12.0 : 3.0, 25 * sigma_mm);  // from rest the way may be long
   for (int iteration = 0; iteration < 12; ++iteration) {
     const Equations e = equations(first, second, rays, pair.motion, reach, 3 * sigma_mm + 0.2 * reach);
     if (e.count < 60) return pair;

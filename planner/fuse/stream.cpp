@@ -19,7 +19,7 @@ using namespace fuse_detail;
 using BaseSensor = Pose<frame::Base, frame::Sensor>;
 
 constexpr double kFormRatio = 0.25;       // of a sensor's noise that no averaging removes (form of the measuring field)
-constexpr int kGridColumns = 128;         // of the frames from which the clock is told
+constexpr int kGridColumns = 64;          // of the frames from which the clock is told
 constexpr std::size_t kTogether = 4;      // frames at a time
 constexpr double kClockFloor_s = 1e-4;    // no clock is known better
 
@@ -101,10 +101,11 @@ class StreamFusion {
   bool pairs_of(double apart_s, std::optional<double> offset_s, std::vector<MotionPair>& pairs) {
     std::vector<std::pair<std::size_t, std::size_t>> chosen;
     const std::size_t count = order_.size();
+    const double spacing = (t(count - 1) - t(0)) / static_cast<double>(std::max<std::size_t>(1, count - 1));
     for (std::size_t k = 0; k + 1 < count; ++k) {
       std::size_t m = k + 1;
       while (m < count && t(m) < t(k) + apart_s) ++m;
-      if (m < count && t(m) - t(k) < 3 * apart_s + 0.1) chosen.emplace_back(k, m);
+      if (m < count && t(m) - t(k) < 3 * apart_s + 2.5 * spacing) chosen.emplace_back(k, m);
     }
     const std::size_t wanted = static_cast<std::size_t>(std::max(8, recipe_.pairs_count));
     if (chosen.size() > wanted) {
@@ -112,8 +113,9 @@ class StreamFusion {
       for (std::size_t i = 0; i < wanted; ++i) fewer.push_back(chosen[(2 * i + 1) * chosen.size() / (2 * wanted)]);
       chosen.swap(fewer);
     }
+    if (offset_s) add_deep_pairs(*offset_s, chosen);
     pairs.assign(chosen.size(), {});
-    const int stride = std::max(1, stream_.camera->width_px / kGridColumns);
+    const int stride = (stream_.camera->width_px + kGridColumns - 1) / kGridColumns;
     const double sigma = std::max(1e-4, sensor_.noise_mm);
     constexpr std::size_t chunk = 8;
     for (std::size_t begin = 0; begin < chosen.size(); begin += chunk) {
@@ -136,6 +138,30 @@ class StreamFusion {
       });
     }
     return true;
+  }
+
+  /// Pairs between which the sensor moved along its own axis and little else: what tells the scale of its depths (B2.5).
+  void add_deep_pairs(double offset_s, std::vector<std::pair<std::size_t, std::size_t>>& chosen) {
+    struct Deep {
+      double depth_mm;
+      std::size_t i, j;
+    };
+    std::vector<std::pair<std::size_t, BaseSensor>> places;
+    const std::size_t step = 1 + order_.size() / 150;
+    for (std::size_t k = 0; k < order_.size(); k += step)
+      if (const PoseAt at = robot_.at(t(k) + offset_s); at.is_known) places.emplace_back(k, at.T_base_flange * sensor_.T_flange_sensor);
+    std::vector<Deep> deep;
+    for (std::size_t a = 0; a < places.size(); ++a) {
+      Deep best{0, 0, 0};
+      for (std::size_t b = 0; b < places.size(); ++b) {
+        const Vec3 d = places[a].second.q.conjugate() * (places[b].second.p_mm - places[a].second.p_mm);
+        if (d.z() < 10 || d.z() < best.depth_mm || d.head<2>().norm() > 0.25 * sensor_.working_distance_mm || places[a].second.q.angularDistance(places[b].second.q) > 0.26) continue;
+        best = {d.z(), places[a].first, places[b].first};
+      }
+      if (best.depth_mm > 0) deep.push_back(best);
+    }
+    std::stable_sort(deep.begin(), deep.end(), [](const Deep& a, const Deep& b) { return a.depth_mm > b.depth_mm; });
+    for (std::size_t k = 0; k < std::min<std::size_t>(30, deep.size()); ++k) chosen.emplace_back(deep[k].i, deep[k].j);
   }
 
   bool find_clock() {

@@ -4,6 +4,8 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 
+#include <zlib.h>
+
 #include <cstring>
 
 namespace asbuilt {
@@ -13,6 +15,20 @@ std::uint32_t big_endian(std::string_view bytes, std::size_t at) {
   std::uint32_t v = 0;
   for (std::size_t i = 0; i < 4; ++i) v = v << 8 | static_cast<unsigned char>(bytes[at + i]);
   return v;
+}
+
+/// Chunks follow each other without a gap, each with its own checksum, up to IEND.
+bool is_whole_png(std::string_view bytes) {
+  std::size_t at = 8;
+  while (at + 12 <= bytes.size()) {
+    const std::size_t size = big_endian(bytes, at);
+    if (size > bytes.size() - at - 12) return false;
+    const auto sum = crc32(0, reinterpret_cast<const Bytef*>(bytes.data() + at + 4), static_cast<uInt>(size + 4));
+    if (sum != big_endian(bytes, at + 8 + size)) return false;
+    if (bytes.substr(at + 4, 4) == "IEND") return true;
+    at += 12 + size;
+  }
+  return false;
 }
 
 }  // namespace
@@ -40,12 +56,12 @@ Result<DepthImage> read_depth_image(std::string_view bytes, const std::string& n
   auto image = read_depth_header(bytes, name);
   if (!image) return image;
   cv::Mat decoded;
+  const bool is_whole = is_whole_png(bytes);
   try {
-    decoded = cv::imdecode(cv::Mat(1, static_cast<int>(bytes.size()), CV_8UC1, const_cast<char*>(bytes.data())), cv::IMREAD_UNCHANGED);
+    if (is_whole) decoded = cv::imdecode(cv::Mat(1, static_cast<int>(bytes.size()), CV_8UC1, const_cast<char*>(bytes.data())), cv::IMREAD_UNCHANGED);
   } catch (const cv::Exception&) {
   }
-  const bool has_end = bytes.size() >= 12 && bytes.substr(bytes.size() - 8, 4) == "IEND";
-  if (decoded.empty() || decoded.type() != CV_16UC1 || decoded.cols != image->width_px || decoded.rows != image->height_px || !has_end)
+  if (decoded.empty() || decoded.type() != CV_16UC1 || decoded.cols != image->width_px || decoded.rows != image->height_px)
     return refuse({.code = "input.depth_broken", .where = name, .message = "found a PNG that ends early or is damaged; copy the frames again", .stage = "input"});
   image->depth_count.resize(static_cast<std::size_t>(image->width_px) * static_cast<std::size_t>(image->height_px));
   for (int y = 0; y < decoded.rows; ++y)

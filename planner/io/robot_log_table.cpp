@@ -19,13 +19,11 @@ struct Column {
 };
 
 Column time_column(const CsvTable& t) {
-  for (const auto& [names, unit] : {std::pair<std::initializer_list<std::string_view>, double>{{"t", "t_s", "time", "time_s", "timestamp", "timestamp_s"}, 1.0},
-                                    {{"ipoc", "ipoc_ms", "t_ms", "time_ms", "timestamp_ms"}, 1e-3},
-                                    {{"t_us", "time_us", "timestamp_us"}, 1e-6},
-                                    {{"ticks_100ns", "t_100ns", "time_100ns"}, 1e-7},
-                                    {{"t_ns", "time_ns", "timestamp_ns"}, 1e-9}})
-    if (const int i = t.column(names); i >= 0) return {i, unit};
-  return {};
+  if (const int i = t.column({"t", "t_s", "time", "time_s", "timestamp", "timestamp_s"}); i >= 0) return {i, 1};
+  if (const int i = t.column({"ipoc", "ipoc_ms", "t_ms", "time_ms", "timestamp_ms"}); i >= 0) return {i, 1e-3};
+  if (const int i = t.column({"t_us", "time_us", "timestamp_us"}); i >= 0) return {i, 1e-6};
+  if (const int i = t.column({"ticks_100ns", "t_100ns", "time_100ns"}); i >= 0) return {i, 1e-7};
+  return {t.column({"t_ns", "time_ns", "timestamp_ns"}), 1e-9};
 }
 
 /// Six columns whose names are `before` + 1..6 + `after`.

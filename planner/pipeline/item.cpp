@@ -9,6 +9,7 @@
 #include "planner/fit/fit.hpp"
 #include "planner/fuse/fuse.hpp"
 #include "planner/locate/locate.hpp"
+#include "planner/pipeline/frames.hpp"
 #include "planner/pipeline/posted.hpp"
 #include "planner/pipeline/stage_run.hpp"
 #include "planner/plan/motion/motion.hpp"
@@ -64,7 +65,7 @@ ItemRecord run_item(const Batch& batch, const std::string& item_id, const ItemOp
 
   const FuseRecipe fuse_recipe;
   if (!run.stage<MeasuredCloud>("fuse", "fuse", r.cloud, {to_bytes(fuse_recipe), {{"job", measured_job}}},
-                                [&] { return fuse(fuse_recipe, measured); }, &cloud) || is_last("fuse"))
+                                [&] { return fuse(fuse_recipe, measured, frames_under(batch.file.parent_path())); }, &cloud) || is_last("fuse"))
     return std::move(r);
 
   const LocateRecipe locate_recipe;
