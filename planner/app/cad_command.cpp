@@ -10,6 +10,7 @@
 
 #include "planner/app/commands.hpp"
 #include "planner/base/number.hpp"
+#include "planner/geom/edge_chains.hpp"
 #include "planner/io/file.hpp"
 #include "planner/io/mesh_file.hpp"
 #include "planner/io/step/step_reader.hpp"
@@ -31,9 +32,11 @@ double fixed(double v) { return std::isfinite(v) ? rounded(v, 6) : 0.0; }
 const char* const kKinds[] = {"sharp_convex", "sharp_concave", "near", "smooth", "boundary"};
 
 Json cad_json(const Brep& b, const StepTiming& timing, bool wants_edges) {
-  Json j{{"asbuilt", "cad/1"}, {"schema", b.schema}, {"units", b.units}, {"solids", b.solids_count}, {"shells", b.shells_count}, {"faces", b.faces.size()}};
+  Json j{{"asbuilt", "cad/1"},       {"schema", b.schema},       {"units", b.units},
+         {"solids", b.solids_count}, {"shells", b.shells_count}, {"faces", b.faces.size()}};
   Json& by = j["faces_by_surface"] = Json::object();
-  for (const char* name : {"plane", "cylinder", "cone", "sphere", "torus", "bspline", "revolution", "extrusion", "offset"}) by[name] = {{"count", 0}, {"area", 0.0}};
+  for (const char* name : {"plane", "cylinder", "cone", "sphere", "torus", "bspline", "revolution", "extrusion", "offset"})
+    by[name] = {{"count", 0}, {"area", 0.0}};
   for (const BrepFace& f : b.faces) {
     Json& row = by[std::string(surface_type(f.surface))];
     if (row.is_null()) row = {{"count", 0}, {"area", 0.0}};
@@ -54,7 +57,42 @@ Json cad_json(const Brep& b, const StepTiming& timing, bool wants_edges) {
   }
   for (auto& [kind, l] : length.items()) l = fixed(l.get<double>());
   j["edges"] = {{"count", std::move(count)}, {"length", std::move(length)}};
-  j["mesh"] = {{"triangles", b.mesh.triangles.size()}, {"vertices", b.mesh.vertices.size()}, {"open_edges", b.open_edges_count}, {"chord_max", fixed(b.chord_max_mm)}};
+  j["bodies"] = Json::array();
+  std::vector<std::size_t> faces_of(b.bodies.size(), 0);
+  std::vector<double> area_of(b.bodies.size(), 0.0);
+  Json colors = Json::object();
+  for (const BrepFace& f : b.faces) {
+    const auto k = static_cast<std::size_t>(f.body);
+    if (k < faces_of.size()) ++faces_of[k], area_of[k] += f.area_mm2;
+    if (!f.color.empty()) colors[f.color] = colors.value(f.color, 0) + 1;
+  }
+  for (std::size_t k = 0; k < b.bodies.size(); ++k) {
+    const BrepBody& o = b.bodies[k];
+    j["bodies"].push_back({{"id", o.id},
+                           {"product", o.product},
+                           {"instance", o.instance},
+                           {"color", o.color},
+                           {"layer", o.layer},
+                           {"solid", o.is_solid},
+                           {"faces", faces_of[k]},
+                           {"area", fixed(area_of[k])}});
+  }
+  j["faces_by_color"] = std::move(colors);
+  j["chains"] = Json::array();
+  for (const EdgeChain& c : edge_chains(b)) {
+    if (c.edges.size() < 2 && !c.is_closed) continue;
+    Json ids = Json::array();
+    for (const int e : c.edges) ids.push_back(b.edges[static_cast<std::size_t>(e)].id);
+    j["chains"].push_back({{"id", c.id},
+                           {"kind", std::string(name_of(c.kind))},
+                           {"edges", std::move(ids)},
+                           {"length", fixed(c.length_mm)},
+                           {"closed", c.is_closed}});
+  }
+  j["mesh"] = {{"triangles", b.mesh.triangles.size()},
+               {"vertices", b.mesh.vertices.size()},
+               {"open_edges", b.open_edges_count},
+               {"chord_max", fixed(b.chord_max_mm)}};
   j["unread"] = Json::array();
   for (const Unread& u : b.unread) j["unread"].push_back({{"entity", u.entity}, {"line", u.line}, {"why", u.why}});
   j["pmi"] = b.pmi;
@@ -66,8 +104,14 @@ Json cad_json(const Brep& b, const StepTiming& timing, bool wants_edges) {
       for (const int f : {e.face_1, e.face_2})
         if (f >= 0) faces.push_back(b.faces[static_cast<std::size_t>(f)].id);
       for (const Vec3& v : e.p) p.push_back(vec(v));
-      j["edge_list"].push_back({{"id", e.id}, {"faces", std::move(faces)}, {"kind", std::string(name_of(e.kind))}, {"length", fixed(e.length_mm)}, {"dihedral", fixed(deg_from_rad(e.dihedral_rad))},
-                                {"curve", e.curve_type}, {"closed", e.is_closed}, {"points", std::move(p)}});
+      j["edge_list"].push_back({{"id", e.id},
+                                {"faces", std::move(faces)},
+                                {"kind", std::string(name_of(e.kind))},
+                                {"length", fixed(e.length_mm)},
+                                {"dihedral", fixed(deg_from_rad(e.dihedral_rad))},
+                                {"curve", e.curve_type},
+                                {"closed", e.is_closed},
+                                {"points", std::move(p)}});
     }
   }
   j["timing_s"] = {{"parse", rounded(timing.parse_s, 4)}, {"topology", rounded(timing.topology_s, 4)}, {"mesh", rounded(timing.mesh_s, 4)}};
@@ -75,10 +119,10 @@ Json cad_json(const Brep& b, const StepTiming& timing, bool wants_edges) {
 }
 
 std::string cad_text(const Json& j, const std::string& file) {
-  std::string text = fmt::format("{}: {}, units {}\n{} solids, {} shells, {} faces, area {} mm2, volume {} mm3\n", file, j["schema"].get<std::string>(), j["units"].get<std::string>(), j["solids"].get<int>(),
+  std::string text = fmt::format("{}: {}, units {}\n{} solids, {} shells, {} faces, area {} mm2, volume {} mm3\n", file,
+                                 j["schema"].get<std::string>(), j["units"].get<std::string>(), j["solids"].get<int>(),
                                  j["shells"].get<int>(), j["faces"].get<int>(), fixed_number(j["area"], 3), fixed_number(j["volume"], 3));
-  if (!j["box"].is_null())
-    text += fmt::format("box {} to {} mm\n", j["box"]["min"].dump(), j["box"]["max"].dump());
+  if (!j["box"].is_null()) text += fmt::format("box {} to {} mm\n", j["box"]["min"].dump(), j["box"]["max"].dump());
   std::vector<std::vector<std::string>> rows{{"surface", "faces", "area mm2"}};
   for (const auto& [name, row] : j["faces_by_surface"].items())
     if (row["count"] != 0) rows.push_back({name, row["count"].dump(), fixed_number(row["area"], 3)});
@@ -87,7 +131,12 @@ std::string cad_text(const Json& j, const std::string& file) {
   for (const auto& [kind, count] : j["edges"]["count"].items())
     if (count != 0) rows.push_back({kind, count.dump(), fixed_number(j["edges"]["length"][kind], 3)});
   text += text_table(rows);
-  text += fmt::format("mesh: {} triangles, {} open edges, chord {} mm\n", j["mesh"]["triangles"].dump(), j["mesh"]["open_edges"].dump(), j["mesh"]["chord_max"].dump());
+  rows = {{"body", "product", "instance", "color", "layer", "faces"}};
+  for (const Json& o : j["bodies"]) rows.push_back({o["id"], o["product"], o["instance"], o["color"], o["layer"], o["faces"].dump()});
+  if (rows.size() > 1) text += text_table(rows);
+  text += fmt::format("chains: {} of more than one edge or closed\n", j["chains"].size());
+  text += fmt::format("mesh: {} triangles, {} open edges, chord {} mm\n", j["mesh"]["triangles"].dump(), j["mesh"]["open_edges"].dump(),
+                      j["mesh"]["chord_max"].dump());
   for (const Json& u : j["unread"]) text += fmt::format("not read: line {}: {}\n", u["line"].dump(), u["why"].get<std::string>());
   for (const Json& p : j["pmi"]) text += "pmi: " + p.get<std::string>() + "\n";
   if (j.contains("edge_list")) {
@@ -109,7 +158,8 @@ Brep brep_of_mesh(Mesh mesh, const std::string& units) {
   b.box = mesh.box();
   std::map<std::pair<int, int>, int> sides;
   for (const auto& t : mesh.triangles) {
-    const Vec3 &p = mesh.vertices[static_cast<std::size_t>(t[0])], &q = mesh.vertices[static_cast<std::size_t>(t[1])], &r = mesh.vertices[static_cast<std::size_t>(t[2])];
+    const Vec3 &p = mesh.vertices[static_cast<std::size_t>(t[0])], &q = mesh.vertices[static_cast<std::size_t>(t[1])],
+               &r = mesh.vertices[static_cast<std::size_t>(t[2])];
     b.area_mm2 += 0.5 * (q - p).cross(r - p).norm();
     b.volume_mm3 += p.dot(q.cross(r)) / 6;
     for (int k = 0; k < 3; ++k) ++sides[std::minmax(t[static_cast<std::size_t>(k)], t[static_cast<std::size_t>((k + 1) % 3)])];

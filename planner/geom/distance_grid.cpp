@@ -95,7 +95,8 @@ float DistanceGrid::distance(const Vec3& p_mm) const {
   const int i = static_cast<int>(g.x()), j = static_cast<int>(g.y()), k = static_cast<int>(g.z());
   const double x = g.x() - i, y = g.y() - j, z = g.z() - k;
   const auto line = [&](int jj, int kk) { return (1 - x) * distance_[node(i, jj, kk)] + x * distance_[node(i + 1, jj, kk)]; };
-  return static_cast<float>((1 - z) * ((1 - y) * line(j, k) + y * line(j + 1, k)) + z * ((1 - y) * line(j, k + 1) + y * line(j + 1, k + 1)));
+  return static_cast<float>((1 - z) * ((1 - y) * line(j, k) + y * line(j + 1, k)) + z * ((1 - y) * line(j, k + 1) + y * line(j + 1, k +
+      1)));
 }
 
 SurfaceHit DistanceGrid::hit(int triangle, const Vec3& p, const Vec3& q) const {

@@ -42,7 +42,8 @@ class DistanceGrid {
   };
   Vec3 foot(int triangle, const Vec3& p) const;
   std::size_t node(int i, int j, int k) const {
-    return (static_cast<std::size_t>(k) * static_cast<std::size_t>(count_[1]) + static_cast<std::size_t>(j)) * static_cast<std::size_t>(count_[0]) +
+    return (static_cast<std::size_t>(k) * static_cast<std::size_t>(count_[1]) +
+        static_cast<std::size_t>(j)) * static_cast<std::size_t>(count_[0]) +
            static_cast<std::size_t>(i);
   }
   Vec3 at(int i, int j, int k) const { return origin_ + step_mm_ * Vec3(i, j, k); }

@@ -208,6 +208,7 @@ class Builder {
       if (list.size() != 2) out_.open_edges_count += static_cast<int>(list.size() % 2 ? 1 : 0);
     out_.units = "mm", out_.schema = "mesh";
     (out_.open_edges_count == 0 ? out_.solids_count : out_.shells_count) = 1;
+    out_.bodies = {{"mesh", "", "", "", "", out_.open_edges_count == 0}};
     return std::move(out_);
   }
 
@@ -217,7 +218,8 @@ class Builder {
     smooth_ = groups(m_, sides_, [&](int a, int b) { return angle(normals_[at(a)], normals_[at(b)]) < sharp_; }, smooth_count);
     int flat_count = 0;
     const std::vector<int> flat = groups(
-        m_, sides_, [&](int a, int b) { return smooth_[at(a)] == smooth_[at(b)] && angle(normals_[at(a)], normals_[at(b)]) < rad_from_deg(0.2); },
+        m_, sides_, [&](int a, int b) { return smooth_[at(a)] == smooth_[at(b)] && angle(normals_[at(a)],
+            normals_[at(b)]) < rad_from_deg(0.2); },
         flat_count);
     // A flat group is a face of its own when it has a share of its region and is larger than the strips of a fillet.
     std::vector<double> area_smooth(at(smooth_count)), area_flat(at(flat_count));
@@ -388,7 +390,8 @@ class Builder {
     for (std::size_t i = 1; i < e.p.size(); ++i) e.s_mm.push_back(e.s_mm.back() + (e.p[i] - e.p[i - 1]).norm());
     for (std::size_t i = 0; i < e.p.size(); ++i) {
       const std::size_t last = e.p.size() - 1;
-      const Vec3 &before = i > 0 ? e.p[i - 1] : (e.is_closed ? e.p[last - 1] : e.p[0]), &after = i < last ? e.p[i + 1] : (e.is_closed ? e.p[1] : e.p[last]);
+      const Vec3 &before = i > 0 ? e.p[i - 1] : (e.is_closed ? e.p[last - 1] : e.p[0]), &after = i < last ? e.p[i + 1]
+          : (e.is_closed ? e.p[1] : e.p[last]);
       const Vec3 d = after - before;
       e.tangent.push_back(d.norm() > 0 ? Vec3(d.normalized()) : Vec3::Zero());
     }

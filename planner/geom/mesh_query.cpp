@@ -26,7 +26,8 @@ Point to_cgal(const Vec3& p) { return {p.x(), p.y(), p.z()}; }
 Vec3 from_cgal(const Point& p) { return {p.x(), p.y(), p.z()}; }
 
 // Irregular, so that no ray runs in a plane or through a vertex that a designer would draw.
-const Vec3 kVoteDirections[5] = {{0.5372, 0.3181, 0.7812}, {-0.6127, 0.4413, 0.6557}, {0.2839, -0.8173, 0.5014}, {-0.3291, -0.5519, -0.7662},
+const Vec3 kVoteDirections[5] = {{0.5372, 0.3181, 0.7812}, {-0.6127, 0.4413, 0.6557}, {0.2839, -0.8173, 0.5014}, {-0.3291, -0.5519,
+    -0.7662},
                                  {0.7933, 0.1267, -0.5955}};
 
 }  // namespace
@@ -102,7 +103,8 @@ bool MeshQuery::contains(const Vec3& p_mm) const {
   std::vector<Triangles::const_iterator> crossed;
   for (const Vec3& d : kVoteDirections) {
     crossed.clear();
-    impl_->tree.all_intersected_primitives(Kernel::Ray_3(to_cgal(p_mm), Kernel::Vector_3(d.x(), d.y(), d.z())), std::back_inserter(crossed));
+    impl_->tree.all_intersected_primitives(Kernel::Ray_3(to_cgal(p_mm), Kernel::Vector_3(d.x(), d.y(), d.z())),
+        std::back_inserter(crossed));
     int winding = 0;  // a body around p is left once more often than it is entered
     for (const auto it : crossed) {
       const Vec3 a = from_cgal(it->vertex(0)), b = from_cgal(it->vertex(1)), c = from_cgal(it->vertex(2));

@@ -155,7 +155,8 @@ Vec2 bspline_foot(const Surface& surface, const BSplineSurface& s, const Surface
     for (double v : vs) order.emplace_back((evaluate_jet(surface, u, v).p - p).squaredNorm(), Vec2(u, v));
   const size_t n = std::min<size_t>(order.size(), 6);
   std::partial_sort(order.begin(), order.begin() + n, order.end(), [](const auto& a, const auto& b) {
-    return a.first != b.first ? a.first < b.first : (a.second.x() != b.second.x() ? a.second.x() < b.second.x() : a.second.y() < b.second.y());
+    return a.first != b.first ? a.first < b.first : (a.second.x() != b.second.x() ? a.second.x() < b.second.x()
+        : a.second.y() < b.second.y());
   });
   Vec2 best = order[0].second;
   double best_f = 1e300;

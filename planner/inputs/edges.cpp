@@ -6,6 +6,7 @@
 #include <cmath>
 #include <set>
 
+#include "planner/geom/edge_chains.hpp"
 #include "planner/inputs/item.hpp"
 
 namespace asbuilt::inputs {
@@ -139,14 +140,28 @@ std::vector<int> choose_edges(Item& item, const Brep& brep, const FeatureText& f
   const auto at = [&](const char* key, std::size_t i) { return field + "." + key + "[" + std::to_string(i) + "]"; };
   if (t.near_mm)
     for (std::size_t i = 0; i < t.near_mm->size(); ++i) c.near((*t.near_mm)[i], at("near", i));
+  const auto edge_of = [&](const std::string& id, const std::string& place) {
+    const auto e = std::find_if(brep.edges.begin(), brep.edges.end(), [&](const BrepEdge& x) { return x.id == id; });
+    if (e != brep.edges.end()) return int(e - brep.edges.begin());
+    c.fault("input.unknown_edge", place, "found the edge '" + shown(id) + "', allowed an id that `asbuilt cad --edges` prints");
+    return -1;
+  };
   if (t.step)
-    for (std::size_t i = 0; i < t.step->size(); ++i) {
-      const auto e = std::find_if(brep.edges.begin(), brep.edges.end(), [&](const BrepEdge& x) { return x.id == (*t.step)[i]; });
-      if (e == brep.edges.end())
-        c.fault("input.unknown_edge", at("step", i),
-                "found the edge '" + shown((*t.step)[i]) + "', allowed an id that `asbuilt cad --edges` prints");
-      else c.take(int(e - brep.edges.begin()), at("step", i));
+    for (std::size_t i = 0; i < t.step->size(); ++i)
+      if (const int e = edge_of((*t.step)[i], at("step", i)); e >= 0) c.take(e, at("step", i));
+  if (t.chain) {
+    const std::vector<EdgeChain> chains = edge_chains(brep);
+    for (std::size_t i = 0; i < t.chain->size(); ++i) {
+      const int e = edge_of((*t.chain)[i], at("chain", i));
+      if (e < 0) continue;
+      const auto chain = std::find_if(chains.begin(), chains.end(),
+                                      [&](const EdgeChain& x) { return std::find(x.edges.begin(), x.edges.end(), e) != x.edges.end(); });
+      if (chain == chains.end())
+        c.take(e, at("chain", i));  // not sharp: says so
+      else
+        for (const int k : chain->edges) c.take(k, at("chain", i));
     }
+  }
   if (t.faces)
     for (std::size_t i = 0; i < t.faces->size(); ++i) c.of_face((*t.faces)[i], at("faces", i));
   if (t.sharp_convex) {
@@ -163,7 +178,7 @@ std::vector<int> choose_edges(Item& item, const Brep& brep, const FeatureText& f
         c.take(int(i), field + ".sharp_convex");
     }
   }
-  if (c.edges.empty() && item.part.out.faults.size() == before && (t.near_mm || t.step || t.faces || t.sharp_convex))
+  if (c.edges.empty() && item.part.out.faults.size() == before && (t.near_mm || t.step || t.chain || t.faces || t.sharp_convex))
     c.fault("input.no_edge", field,
             "found no sharp convex edge for feature '" + feature.id + "', allowed at least one; widen the box or name points on the edges");
   return {c.edges.begin(), c.edges.end()};

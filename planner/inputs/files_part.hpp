@@ -58,7 +58,7 @@ struct SharpConvexText {
 };
 struct EdgeChoiceText {
   std::optional<std::vector<Vec3>> near_mm;
-  std::optional<std::vector<std::string>> step, faces;
+  std::optional<std::vector<std::string>> step, chain, faces;
   std::optional<SharpConvexText> sharp_convex;
   template <class S, class V>
   static void fields(S& s, V& v) {
@@ -71,9 +71,14 @@ struct EdgeChoiceText {
        .doc = "points in part; of each the nearest sharp edge"});
     v("step", s.step,
       {.is_optional = true, .form = Form::edge, .count_min = 1, .doc = "ids of edges, as `asbuilt cad --edges` prints them"});
+    v("chain", s.chain,
+      {.is_optional = true,
+       .form = Form::edge,
+       .count_min = 1,
+       .doc = "ids of edges: each with all the edges it runs on as, over ends that turn by at most 30 degree"});
     v("faces", s.faces, {.is_optional = true, .form = Form::edge, .count_min = 1, .doc = "ids of faces: all their sharp convex edges"});
     v("sharp_convex", s.sharp_convex, {.is_optional = true, .empty_means_present = true, .doc = "all sharp convex edges"});
-    v.exactly_one({"near", "step", "faces", "sharp_convex"});
+    v.exactly_one({"near", "step", "chain", "faces", "sharp_convex"});
   }
 };
 struct FeatureText {

@@ -9,6 +9,7 @@
 #include <cstring>
 
 #include "planner/io/ply.hpp"
+#include "planner/io/step_importer.hpp"
 #include "planner/io/welder.hpp"
 #include "planner/io/text_scan.hpp"
 #include "planner/io/three_mf.hpp"
@@ -193,6 +194,7 @@ Result<MeshFile> read_by_assimp(std::string_view bytes, const std::string& name,
   MeshFile out;
   try {
     Assimp::Importer importer;
+    register_step_importer(importer);
     if (hint.empty() || !importer.IsExtensionSupported("." + hint))
       return refused("input.mesh_format", name,
                      "found a file of the format '" + hint.substr(0, 20) + "', allowed STL, PLY, OBJ, 3MF, DAE and what else assimp reads");
@@ -221,6 +223,7 @@ void put(std::string& bytes, const T& v) {
 
 std::optional<double> mesh_unit_mm(std::string_view bytes, const std::string& name) {
   const std::string e = extension_of(name);
+  if (e == "step" || e == "stp" || e == "p21") return 1.0;  // our importer gives mm
   if (e == "dae") return 1000.0;  // assimp turns the file's unit into metres
   if (e == "3mf") return three_mf_unit_mm(bytes);
   return std::nullopt;

@@ -20,7 +20,7 @@ struct MeshFile {
   std::size_t dropped_count = 0;     // triangles dropped: a NaN or infinite corner
 };
 
-/// mm per unit where the format itself says so (3MF, DAE); nothing for STL, PLY, OBJ and the like.
+/// mm per unit where the format itself says so (3MF, DAE, STEP); nothing for STL, PLY, OBJ and the like.
 std::optional<double> mesh_unit_mm(std::string_view bytes, const std::string& name);
 
 /// Frames    as drawn; up-axis conversions of the format are not applied.

@@ -50,11 +50,11 @@ class Binder {
   Units units;
 
   // Records.
-  const p21::Instance& instance(std::int64_t id) const;           // StepFault when there is none
+  const p21::Instance& instance(std::int64_t id) const;  // StepFault when there is none
   std::uint32_t key(const p21::Instance& i) const { return file_.records[i.record].keyword; }
-  bool has(const p21::Instance& i, std::uint32_t keyword) const;  // any part
-  Args args(const p21::Instance& i, std::uint32_t keyword) const; // of that part; empty when it has none
-  Args args(const p21::Instance& i) const;                        // of the first part
+  bool has(const p21::Instance& i, std::uint32_t keyword) const;   // any part
+  Args args(const p21::Instance& i, std::uint32_t keyword) const;  // of that part; empty when it has none
+  Args args(const p21::Instance& i) const;                         // of the first part
   [[noreturn]] void fail(const p21::Instance& i, std::string what) const;
 
   // Values; StepFault when the value is not of the kind.

@@ -61,8 +61,10 @@ std::pair<double, double> Binder::trim(const Instance& i, const Curve& basis, do
     const Value *parameter = nullptr, *at = nullptr;
     const Value* v = set.first();
     for (std::uint32_t j = 0; j < set.size(); ++j, v = next(v)) (v->kind == Kind::reference ? at : parameter) = v;
-    if (at && (wants_points || !parameter)) t[k] = project(basis, point(at->integer)).t;
-    else t[k] = real(i, parameter) * per_unit;
+    if (at && (wants_points || !parameter))
+      t[k] = project(basis, point(at->integer)).t;
+    else
+      t[k] = real(i, parameter) * per_unit;
   }
   const CurveDomain d = domain(basis);
   if (d.is_closed && d.period() > 0) {
@@ -165,7 +167,8 @@ Curve Binder::curve(std::int64_t id, bool& is_reversed, int depth) const {
     case K_SURFACE_CURVE:
     case K_SEAM_CURVE:
     case K_BOUNDED_SURFACE_CURVE:
-    case K_INTERSECTION_CURVE: return curve(reference(i, a.at(1)), is_reversed, depth + 1);
+    case K_INTERSECTION_CURVE:
+      return curve(reference(i, a.at(1)), is_reversed, depth + 1);
     case K_TRIMMED_CURVE: {
       if (!is_true(i, a.at(4))) is_reversed = !is_reversed;
       return curve(reference(i, a.at(1)), is_reversed, depth + 1);
@@ -173,7 +176,8 @@ Curve Binder::curve(std::int64_t id, bool& is_reversed, int depth) const {
     case K_COMPOSITE_CURVE:
     case K_COMPOSITE_CURVE_ON_SURFACE:
     case K_BOUNDARY_CURVE:
-    case K_OUTER_BOUNDARY_CURVE: return {composite_curve(i, depth)};
+    case K_OUTER_BOUNDARY_CURVE:
+      return {composite_curve(i, depth)};
     case K_OFFSET_CURVE_3D: {
       bool basis_reversed = false;
       const Curve basis = curve(reference(i, a.at(1)), basis_reversed, depth + 1);
@@ -183,13 +187,16 @@ Curve Binder::curve(std::int64_t id, bool& is_reversed, int depth) const {
       if (basis_reversed) is_reversed = !is_reversed;
       return *c;
     }
-    case K_CURVE_REPLICA: return transformed(transformation(reference(i, a.at(2))), curve(reference(i, a.at(1)), is_reversed, depth + 1));
-    default: break;
+    case K_CURVE_REPLICA:
+      return transformed(transformation(reference(i, a.at(2))), curve(reference(i, a.at(1)), is_reversed, depth + 1));
+    default:
+      break;
   }
   if (has(i, K_B_SPLINE_CURVE) || has(i, K_B_SPLINE_CURVE_WITH_KNOTS) || has(i, K_BEZIER_CURVE) || has(i, K_UNIFORM_CURVE) ||
       has(i, K_QUASI_UNIFORM_CURVE))
     return bspline_curve(i);
-  if (has(i, K_SURFACE_CURVE) || has(i, K_SEAM_CURVE) || has(i, K_INTERSECTION_CURVE)) {  // complex form: SURFACE_CURVE(curve_3d, ..) without the name
+  // complex form: SURFACE_CURVE(curve_3d, ..) without the name
+  if (has(i, K_SURFACE_CURVE) || has(i, K_SEAM_CURVE) || has(i, K_INTERSECTION_CURVE)) {
     const Args s = args(i, K_SURFACE_CURVE);
     if (s.size()) return curve(reference(i, s.at(0)), is_reversed, depth + 1);
   }

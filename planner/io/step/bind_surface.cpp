@@ -68,7 +68,8 @@ Surface Binder::surface(std::int64_t id, bool& is_reversed, int depth) const {
   if (depth > 16) fail(i, "surfaces refer to each other in a circle");
   const Args a = args(i);
   switch (key(i)) {
-    case K_PLANE: return {PlaneSurface{placement(reference(i, a.at(1)))}};
+    case K_PLANE:
+      return {PlaneSurface{placement(reference(i, a.at(1)))}};
     case K_CYLINDRICAL_SURFACE: {
       const CylinderSurface s{placement(reference(i, a.at(1))), length(i, a.at(2))};
       if (!(s.radius_mm > 0)) fail(i, "a radius that is not positive");
@@ -128,12 +129,15 @@ Surface Binder::surface(std::int64_t id, bool& is_reversed, int depth) const {
     }
     case K_SURFACE_REPLICA: {
       bool mirrored = false;
-      const Surface s = transformed(transformation(reference(i, a.at(2))), surface(reference(i, a.at(1)), is_reversed, depth + 1), mirrored);
+      const Surface s =
+          transformed(transformation(reference(i, a.at(2))), surface(reference(i, a.at(1)), is_reversed, depth + 1), mirrored);
       if (mirrored) is_reversed = !is_reversed;
       return s;
     }
-    case K_CURVE_BOUNDED_SURFACE: return surface(reference(i, a.at(1)), is_reversed, depth + 1);
-    default: break;
+    case K_CURVE_BOUNDED_SURFACE:
+      return surface(reference(i, a.at(1)), is_reversed, depth + 1);
+    default:
+      break;
   }
   if (has(i, K_B_SPLINE_SURFACE) || has(i, K_B_SPLINE_SURFACE_WITH_KNOTS) || has(i, K_BEZIER_SURFACE) || has(i, K_UNIFORM_SURFACE) ||
       has(i, K_QUASI_UNIFORM_SURFACE))

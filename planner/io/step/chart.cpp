@@ -162,7 +162,8 @@ struct Builder {
             if (nearest > 0.8 * delta && nearest > far) far = nearest, center = q;
           }
         }
-      if (far > 0) project_sphere(loops, s, -center);
+      if (far > 0)
+        project_sphere(loops, s, -center);
       else if (area == -1) {
         out.fault = "no point of the sphere outside the face was found";
         return;
@@ -359,8 +360,10 @@ struct Builder {
     for (const TopoLoop& l : face.loops) {
       if (l.vertex >= 0) continue;
       std::vector<TopoLoop> used;
-      if (std::holds_alternative<SphereSurface>(surface.shape) && l.uses.size() < 1000) split_seams(l.uses, used);
-      else used.push_back(l);
+      if (std::holds_alternative<SphereSurface>(surface.shape) && l.uses.size() < 1000)
+        split_seams(l.uses, used);
+      else
+        used.push_back(l);
       for (const TopoLoop& u : used) loops.push_back(loop_points(body, u, is_reversed, vertices));
     }
     if (loops.empty()) {
@@ -386,9 +389,12 @@ struct Builder {
         out.fault = "a loop lies wholly in a pole of its surface";
         return;
       }
-      if (wu == 0 && wv == 0) plain.push_back(std::move(l));
-      else if (wv == 0) around_u.push_back(std::move(l)), turns_u.push_back(wu);
-      else if (wu == 0) around_v.push_back(std::move(l)), turns_v.push_back(wv);
+      if (wu == 0 && wv == 0)
+        plain.push_back(std::move(l));
+      else if (wv == 0)
+        around_u.push_back(std::move(l)), turns_u.push_back(wu);
+      else if (wu == 0)
+        around_v.push_back(std::move(l)), turns_v.push_back(wv);
       else {
         out.fault = "a loop runs around the surface in both directions";
         return;

@@ -12,11 +12,11 @@
 namespace asbuilt::step {
 
 struct ChartPoint {
-  Vec2 q = Vec2::Zero();       // chart coordinates
-  int vertex = -1;             // mesh vertex
-  Vec2 q_mid = Vec2::Zero();   // chart image of the middle of the edge piece that starts here
-  bool has_mid = false;        // false: the piece is straight in the chart
-  int edge = -1;               // the edge the piece is of, with its parameters; -1: a generated cut
+  Vec2 q = Vec2::Zero();      // chart coordinates
+  int vertex = -1;            // mesh vertex
+  Vec2 q_mid = Vec2::Zero();  // chart image of the middle of the edge piece that starts here
+  bool has_mid = false;       // false: the piece is straight in the chart
+  int edge = -1;              // the edge the piece is of, with its parameters; -1: a generated cut
   double t_a = 0, t_b = 0;
 };
 using ChartLoop = std::vector<ChartPoint>;
@@ -28,7 +28,7 @@ struct Chart {
   Vec2 scale = Vec2::Ones();  // chart units per parameter unit
   bool is_turned = false;     // q = (v, -u)
   bool is_stereographic = false;
-  Placement stereo;           // origin: centre; z: away from the centre of projection
+  Placement stereo;  // origin: centre; z: away from the centre of projection
   double radius_mm = 0;
   bool is_plane = false;
 

@@ -60,6 +60,9 @@ std::vector<BrepEdge> classify_edges(const Body& body, double step_mm, double st
   for (const TopoEdge& e : body.edges) {
     BrepEdge b;
     b.id = "#" + std::to_string(e.id);
+    if (e.id == 0)  // a side of a polygon has no entity of its own: its two points name it
+      b.id = "#" + std::to_string(body.vertices[static_cast<std::size_t>(e.v0)].id) + "-#" +
+             std::to_string(body.vertices[static_cast<std::size_t>(e.v1)].id);
     b.fault = e.fault;
     b.curve = e.curve;
     b.curve_type = std::string(curve_type(e.curve));
@@ -73,8 +76,11 @@ std::vector<BrepEdge> classify_edges(const Body& body, double step_mm, double st
       if (i > 0) {
         // Arc length by Simpson's rule on the speed.
         const double dt = t[i] - t[i - 1];
-        if (std::holds_alternative<LineCurve>(e.curve.shape) || std::holds_alternative<PolylineCurve>(e.curve.shape)) s += (c.p - b.p.back()).norm();
-        else s += std::abs(dt) / 6 * (evaluate(e.curve, t[i - 1]).d1.norm() + 4 * evaluate(e.curve, 0.5 * (t[i] + t[i - 1])).d1.norm() + c.d1.norm());
+        if (std::holds_alternative<LineCurve>(e.curve.shape) || std::holds_alternative<PolylineCurve>(e.curve.shape))
+          s += (c.p - b.p.back()).norm();
+        else
+          s += std::abs(dt) / 6 *
+               (evaluate(e.curve, t[i - 1]).d1.norm() + 4 * evaluate(e.curve, 0.5 * (t[i] + t[i - 1])).d1.norm() + c.d1.norm());
       }
       b.s_mm.push_back(s);
       b.p.push_back(c.p);

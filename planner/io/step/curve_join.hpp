@@ -22,6 +22,7 @@ std::optional<Curve> offset_in_space(const Curve& c, double distance_mm, const V
 
 /// The part of a turned profile between its crossings of the axis whose turn passes the points of a face. Where parts pass them alike the
 /// seam tells, which is the profile itself; without one it is the first part. Nothing where the profile does not cross its axis.
-std::optional<Curve> profile_beside_axis(const RevolutionSurface& s, const std::vector<Vec3>& points, const std::vector<Vec3>& on_seam = {});
+std::optional<Curve> profile_beside_axis(const RevolutionSurface& s, const std::vector<Vec3>& points,
+                                         const std::vector<Vec3>& on_seam = {});
 
 }  // namespace asbuilt::step

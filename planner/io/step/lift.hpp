@@ -31,7 +31,7 @@ struct Periods {
 
 /// A border of the domain that is one point in space.
 struct Pole {
-  int axis = 1;     // 0: a border in u, 1: a border in v
+  int axis = 1;  // 0: a border in u, 1: a border in v
   bool is_high = false;
   double value = 0;
   Vec3 p = Vec3::Zero();

@@ -25,33 +25,38 @@ class ModelReader {
   Model run() {
     collect();
     for (std::int64_t pd : definitions_in_order_)
-      if (!is_child_.count(pd)) walk(pd, Eigen::Affine3d::Identity(), 0);
+      if (!is_child_.count(pd)) walk(pd, Eigen::Affine3d::Identity(), 0, "");
     if (model_.bodies.empty() && model_.tessellated.empty())  // every product is a part of another: a circle
       for (std::int64_t pd : definitions_in_order_)
-        if (model_.bodies.empty()) walk(pd, Eigen::Affine3d::Identity(), 0);
+        if (model_.bodies.empty()) walk(pd, Eigen::Affine3d::Identity(), 0, "");
     for (std::int64_t rep : representations_)  // bodies outside any product
       if (!visited_.count(rep)) {
         seen_here_.clear();
-        gather(rep, Eigen::Affine3d::Identity(), "", 0, true);
+        gather(rep, Eigen::Affine3d::Identity(), {}, 0, true);
       }
     if (model_.bodies.empty() && loose_.empty() && model_.tessellated.empty())  // bodies no representation holds
       for (const Instance& i : f_.instances)
-        if (i.record_count > 0 && is_body(i) && model_.bodies.size() < kBodiesLimit) model_.bodies.push_back({i.id, {}, Eigen::Affine3d::Identity(), ""});
+        if (i.record_count > 0 && is_body(i) && model_.bodies.size() < kBodiesLimit)
+          model_.bodies.push_back({i.id, {}, Eigen::Affine3d::Identity(), "", "", 0});
     if (model_.bodies.empty()) model_.bodies = std::move(loose_);
-    if (!model_.bodies.empty()) model_.units = model_.bodies.front().units;
-    else if (!model_.tessellated.empty()) model_.units = model_.tessellated.front().units;
+    if (!model_.bodies.empty())
+      model_.units = model_.bodies.front().units;
+    else if (!model_.tessellated.empty())
+      model_.units = model_.tessellated.front().units;
     return std::move(model_);
   }
 
  private:
   struct Usage {
     std::int64_t child = 0;
+    std::string name;
     Eigen::Affine3d T = Eigen::Affine3d::Identity();
   };
 
   static bool is_drawing(std::uint32_t k) {
     return k == K_DRAUGHTING_MODEL || k == K_MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION ||
-           k == K_CONSTRUCTIVE_GEOMETRY_REPRESENTATION || k == K_SHAPE_REPRESENTATION_WITH_PARAMETERS || k == K_SHAPE_DIMENSION_REPRESENTATION;
+           k == K_CONSTRUCTIVE_GEOMETRY_REPRESENTATION || k == K_SHAPE_REPRESENTATION_WITH_PARAMETERS ||
+           k == K_SHAPE_DIMENSION_REPRESENTATION;
   }
   bool is_body(const Instance& i) const {
     switch (b_.key(i)) {
@@ -59,8 +64,10 @@ class ModelReader {
       case K_BREP_WITH_VOIDS:
       case K_FACETED_BREP:
       case K_SHELL_BASED_SURFACE_MODEL:
-      case K_FACE_BASED_SURFACE_MODEL: return true;
-      default: return i.record_count > 1 && b_.has(i, K_MANIFOLD_SOLID_BREP);
+      case K_FACE_BASED_SURFACE_MODEL:
+        return true;
+      default:
+        return i.record_count > 1 && b_.has(i, K_MANIFOLD_SOLID_BREP);
     }
   }
   /// Shells and faces without a body around them: used only when the file has no body.
@@ -104,18 +111,28 @@ class ModelReader {
       if (i.record_count == 0) continue;
       const std::uint32_t k = b_.key(i);
       switch (k) {
-        case K_PRODUCT_DEFINITION: definitions_in_order_.push_back(i.id); break;
+        case K_PRODUCT_DEFINITION:
+        case K_PRODUCT_DEFINITION_WITH_ASSOCIATED_DOCUMENTS:
+          definitions_in_order_.push_back(i.id);
+          break;
         case K_SHAPE_DEFINITION_REPRESENTATION:
           guarded([&] {
             const Args a = b_.args(i);
             const std::int64_t pd = definition_of(b_.reference(i, a.at(0))), rep = b_.reference(i, a.at(1));
             const Instance* p = f_.find(pd);
-            if (p && b_.key(*p) == K_PRODUCT_DEFINITION) owned_[pd].push_back(rep), owner_.emplace(rep, pd);
+            if (p && (b_.key(*p) == K_PRODUCT_DEFINITION || b_.key(*p) == K_PRODUCT_DEFINITION_WITH_ASSOCIATED_DOCUMENTS))
+              owned_[pd].push_back(rep), owner_.emplace(rep, pd);
           });
           break;
-        case K_CONTEXT_DEPENDENT_SHAPE_REPRESENTATION: contextual.push_back(&i); break;
-        case K_NEXT_ASSEMBLY_USAGE_OCCURRENCE: usages.push_back(&i); break;
-        case K_DOCUMENT_FILE: guarded([&] { model_.external.push_back(b_.text(b_.args(i).at(0))); }); break;
+        case K_CONTEXT_DEPENDENT_SHAPE_REPRESENTATION:
+          contextual.push_back(&i);
+          break;
+        case K_NEXT_ASSEMBLY_USAGE_OCCURRENCE:
+          usages.push_back(&i);
+          break;
+        case K_DOCUMENT_FILE:
+          guarded([&] { model_.external.push_back(b_.text(b_.args(i).at(0))); });
+          break;
         case K_SHAPE_REPRESENTATION_RELATIONSHIP:
           if (i.record_count == 1)
             guarded([&] {
@@ -128,7 +145,9 @@ class ModelReader {
         case K_MANIFOLD_SURFACE_SHAPE_REPRESENTATION:
         case K_GEOMETRICALLY_BOUNDED_SURFACE_SHAPE_REPRESENTATION:
         case K_TESSELLATED_SHAPE_REPRESENTATION:
-        case K_SHAPE_REPRESENTATION: representations_.push_back(i.id); break;
+        case K_SHAPE_REPRESENTATION:
+          representations_.push_back(i.id);
+          break;
         default:
           if (i.record_count > 1) {
             if (b_.has(i, K_SHAPE_REPRESENTATION_RELATIONSHIP) && !b_.has(i, K_REPRESENTATION_RELATIONSHIP_WITH_TRANSFORMATION)) {
@@ -151,7 +170,7 @@ class ModelReader {
       guarded([&] {
         if (placed.count(i->id)) return;
         const std::int64_t parent = b_.reference(*i, b_.args(*i).at(3)), child = related(*i);
-        usages_[parent].push_back({child, Eigen::Affine3d::Identity()});
+        usages_[parent].push_back({child, usage_name(*i), Eigen::Affine3d::Identity()});
         is_child_.insert(child);
       });
   }
@@ -220,7 +239,7 @@ class ModelReader {
     placed.insert(usage_id);
     is_child_.insert(child);
     Usage u;
-    u.child = child;
+    u.child = child, u.name = usage_name(usage);
     const Args with = b_.args(relation, K_REPRESENTATION_RELATIONSHIP_WITH_TRANSFORMATION);
     Args base = b_.args(relation, K_REPRESENTATION_RELATIONSHIP);
     if (base.size() < 4) base = b_.args(relation);
@@ -242,6 +261,12 @@ class ModelReader {
     usages_[parent].push_back(u);
   }
 
+  std::string usage_name(const Instance& usage) const {
+    const Args a = b_.args(usage);
+    const std::string name = b_.text(a.at(1));
+    return name.empty() || name == " " ? b_.text(a.at(0)) : name;
+  }
+
   std::string product_name(std::int64_t pd) const {
     try {
       const Instance& d = b_.instance(pd);
@@ -254,7 +279,7 @@ class ModelReader {
     }
   }
 
-  void walk(std::int64_t pd, const Eigen::Affine3d& T, int depth) {
+  void walk(std::int64_t pd, const Eigen::Affine3d& T, int depth, const std::string& path) {
     if (model_.is_cut) return;
     if (depth > kDepthLimit || model_.bodies.size() > kBodiesLimit || ++walks_ > kBodiesLimit) {
       model_.is_cut = true;
@@ -279,16 +304,19 @@ class ModelReader {
         }
       }
       seen_here_.clear();
-      const std::string name = product_name(pd);
-      for (std::int64_t r : reps) gather(r, T, name, 0, false);
+      const Names names{product_name(pd), path};
+      for (std::int64_t r : reps) gather(r, T, names, 0, false);
     }
     const auto u = usages_.find(pd);
     if (u != usages_.end())
-      for (const Usage& use : u->second) walk(use.child, T * use.T, depth + 1);
+      for (const Usage& use : u->second) walk(use.child, T * use.T, depth + 1, path.empty() ? use.name : path + "/" + use.name);
     on_path_.erase(pd);
   }
 
-  void gather(std::int64_t rep, const Eigen::Affine3d& T, const std::string& name, int depth, bool only_new) {
+  struct Names {
+    std::string product, instance;
+  };
+  void gather(std::int64_t rep, const Eigen::Affine3d& T, const Names& names, int depth, bool only_new) {
     const Instance* i = f_.find(rep);
     if (!i || depth > kDepthLimit) return;
     if (is_drawing(b_.key(*i))) return;
@@ -307,7 +335,7 @@ class ModelReader {
             return;
           }
           placed_bodies_.insert(id);
-          BodyUse u{id, units_of(rep), T, name};
+          BodyUse u{id, units_of(rep), T, names.product, names.instance, rep};
           (is_body(*it) ? model_.bodies : is_loose(b_.key(*it)) ? loose_ : model_.tessellated).push_back(u);
         } else if (b_.key(*it) == K_MAPPED_ITEM) {
           guarded([&] {
@@ -317,7 +345,7 @@ class ModelReader {
             const std::int64_t mapped = b_.reference(map, ma.at(1));
             const Eigen::Affine3d U = axes(b_.reference(*it, m.at(2)), rep) * axes(b_.reference(map, ma.at(0)), mapped).inverse();
             if (!maps_on_path_.insert(mapped).second) return;
-            gather(mapped, T * U, name, depth + 1, only_new);
+            gather(mapped, T * U, names, depth + 1, only_new);
             maps_on_path_.erase(mapped);
           });
         }

@@ -15,12 +15,14 @@ struct BodyUse {
   Units units;                                                // of the representation that holds it
   Eigen::Affine3d T_root_body = Eigen::Affine3d::Identity();  // mm; mirrored or scaled only by a transformation operator
   std::string name;                                           // of the product
+  std::string instance;                                       // names of the usages from the root, joined by '/'
+  std::int64_t representation = 0;                            // that holds it
 };
 
 struct Model {
   std::vector<BodyUse> bodies;
-  std::vector<BodyUse> tessellated;  // bodies given as triangles, of products without a B-rep
-  Units units;                       // of the first representation with a body, else of the first context
+  std::vector<BodyUse> tessellated;   // bodies given as triangles, of products without a B-rep
+  Units units;                        // of the first representation with a body, else of the first context
   std::vector<std::string> external;  // files the model refers to
   bool is_cut = false;                // more than 100 000 placements: the rest was not followed
 };

@@ -6,14 +6,10 @@
 #include <charconv>
 #include <cstring>
 
+#include "planner/io/step/p21_keywords.hpp"
+
 namespace asbuilt::p21 {
 namespace {
-
-constexpr std::string_view kNames[] = {
-#define X(name) #name,
-    ASBUILT_STEP_KEYWORDS(X)
-#undef X
-};
 
 constexpr int kDepthLimit = 64;
 constexpr std::size_t kListLimit = 10'000'000, kBytesLimit = std::size_t(4) << 30;
@@ -30,55 +26,6 @@ constexpr std::array<std::uint8_t, 256> make_classes() {
   return t;
 }
 constexpr auto kClass = make_classes();
-
-/// Open addressing over keyword texts; the known ones come first.
-class Keywords {
- public:
-  Keywords() : slots_(1024, 0) {
-    for (std::string_view n : kNames) names_.push_back(n), put(static_cast<std::uint32_t>(names_.size()) - 1);
-  }
-  std::uint32_t id(std::string_view text) {
-    std::size_t i = hash(text) & (slots_.size() - 1);
-    while (slots_[i]) {
-      if (names_[slots_[i] - 1] == text) return slots_[i] - 1;
-      i = (i + 1) & (slots_.size() - 1);
-    }
-    if (names_.size() >= 60000) return 60000;  // hostile input: one shared name for the rest
-    names_.push_back(text);
-    if (2 * names_.size() > slots_.size()) {
-      slots_.assign(2 * slots_.size(), 0);
-      for (std::uint32_t k = 0; k < names_.size(); ++k) put(k);
-    } else {
-      slots_[i] = static_cast<std::uint32_t>(names_.size());
-    }
-    return static_cast<std::uint32_t>(names_.size()) - 1;
-  }
-  std::vector<std::string_view> extra() const { return {names_.begin() + K_known_count, names_.end()}; }
-
- private:
-  static std::size_t hash(std::string_view s) {
-    std::uint64_t h = s.size() * 0x9E3779B97F4A7C15ull;
-    if (s.size() >= 8) {
-      std::uint64_t a, b;
-      std::memcpy(&a, s.data(), 8), std::memcpy(&b, s.data() + s.size() - 8, 8);
-      h ^= a * 0xff51afd7ed558ccdull, h ^= b * 0xc4ceb9fe1a85ec53ull;
-      if (s.size() > 16) {
-        std::memcpy(&a, s.data() + s.size() / 2 - 4, 8);
-        h += a * 0x2545F4914F6CDD1Dull;
-      }
-    } else {
-      for (char c : s) h = (h ^ static_cast<std::uint8_t>(c)) * 0x100000001b3ull;
-    }
-    return static_cast<std::size_t>(h ^ (h >> 29));
-  }
-  void put(std::uint32_t k) {
-    std::size_t i = hash(names_[k]) & (slots_.size() - 1);
-    while (slots_[i]) i = (i + 1) & (slots_.size() - 1);
-    slots_[i] = k + 1;
-  }
-  std::vector<std::string_view> names_;
-  std::vector<std::uint32_t> slots_;
-};
 
 constexpr double kPow10[] = {1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,  1e8,  1e9,  1e10, 1e11,
                              1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20, 1e21, 1e22};
@@ -112,8 +59,10 @@ class Parser {
         header();
       } else if (word == "DATA" || word == "data") {
         skip();
-        if (p_ < end_ && *p_ == '(') skip_to_semicolon();
-        else if (p_ < end_ && *p_ == ';') ++p_;
+        if (p_ < end_ && *p_ == '(')
+          skip_to_semicolon();
+        else if (p_ < end_ && *p_ == ';')
+          ++p_;
         has_data = true;
         data_closed = data_section();
         if (!failure_ && !data_closed) return truncated("the file ends inside the DATA section: no ENDSEC and no END-ISO-10303-21");
@@ -131,7 +80,7 @@ class Parser {
     if (!has_data) return truncated("the file has no DATA section");
     file_.lines = line_;
     file_.extra = keywords_.extra();
-    index();
+    index_instances(file_);
     return std::nullopt;
   }
 
@@ -384,7 +333,7 @@ class Parser {
         for (char& u : up)
           if (u >= 'a' && u <= 'z') u = static_cast<char>(u - 32);
         for (std::uint32_t k = 0; k < K_known_count; ++k)
-          if (kNames[k] == up) return k;
+          if (known_keyword(k) == up) return k;
         break;
       }
     return keywords_.id(word);
@@ -593,29 +542,6 @@ class Parser {
     return true;
   }
 
-  void index() {
-    std::int64_t top = 0;
-    for (const Instance& i : file_.instances) top = std::max(top, i.id);
-    const std::int64_t n = static_cast<std::int64_t>(file_.instances.size());
-    if (top < 8 * n + 1024) {
-      file_.dense.assign(static_cast<std::size_t>(top) + 1, -1);
-      for (std::int64_t k = 0; k < n; ++k) {
-        auto& slot = file_.dense[static_cast<std::size_t>(file_.instances[k].id)];
-        if (slot >= 0) duplicate(file_.instances[k]);
-        else slot = static_cast<std::int32_t>(k);
-      }
-    } else {
-      for (std::int64_t k = 0; k < n; ++k) file_.sparse.emplace_back(file_.instances[k].id, static_cast<std::int32_t>(k));
-      std::stable_sort(file_.sparse.begin(), file_.sparse.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
-      for (std::size_t k = 1; k < file_.sparse.size(); ++k)
-        if (file_.sparse[k].first == file_.sparse[k - 1].first) duplicate(file_.instances[file_.sparse[k].second]);
-    }
-  }
-  void duplicate(const Instance& i) {
-    ++file_.faults_count;
-    if (file_.faults.size() < 100) file_.faults.push_back({i.line, i.id, "the id is used twice; the first one counts"});
-  }
-
   File& file_;
   const char *begin_, *p_, *end_;
   std::uint32_t line_ = 1;
@@ -626,22 +552,6 @@ class Parser {
 
 }  // namespace
 
-std::string_view known_keyword(std::uint32_t k) { return kNames[k]; }
-
 std::optional<Failure> parse(std::string_view bytes, File& file) { return Parser(bytes, file).run(); }
-
-const Instance* File::find(std::int64_t id) const {
-  if (!dense.empty()) {
-    if (id < 0 || static_cast<std::size_t>(id) >= dense.size() || dense[static_cast<std::size_t>(id)] < 0) return nullptr;
-    return &instances[static_cast<std::size_t>(dense[static_cast<std::size_t>(id)])];
-  }
-  const auto it = std::lower_bound(sparse.begin(), sparse.end(), id, [](const auto& a, std::int64_t b) { return a.first < b; });
-  return it != sparse.end() && it->first == id ? &instances[static_cast<std::size_t>(it->second)] : nullptr;
-}
-
-std::string_view File::keyword_name(std::uint32_t k) const {
-  if (k < K_known_count) return kNames[k];
-  return k - K_known_count < extra.size() ? extra[k - K_known_count] : std::string_view("?");
-}
 
 }  // namespace asbuilt::p21

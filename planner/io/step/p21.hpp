@@ -21,8 +21,8 @@ struct Value {
   std::uint32_t size = 0;  // list: elements; string, enumeration, binary: bytes; typed: keyword
   union {
     double real;
-    std::int64_t integer;    // also the id of a reference
-    std::uint64_t offset;    // of the text in the file
+    std::int64_t integer;  // also the id of a reference
+    std::uint64_t offset;  // of the text in the file
     std::uint64_t inside;
   };
   Value() : integer(0) {}
@@ -57,17 +57,17 @@ struct File {
   std::vector<std::string_view> extra;  // keywords past the known ones
   std::vector<Fault> faults;            // first 100
   std::size_t faults_count = 0;
-  std::vector<std::string> schema;      // FILE_SCHEMA
-  std::string system;                   // originating system of FILE_NAME
+  std::vector<std::string> schema;  // FILE_SCHEMA
+  std::string system;               // originating system of FILE_NAME
   std::uint32_t lines = 0;
-  bool has_end = false;                 // ENDSEC of a DATA section and END-ISO-10303-21 seen
+  bool has_end = false;  // ENDSEC of a DATA section and END-ISO-10303-21 seen
 
   /// The instance with this id, or null.
   const Instance* find(std::int64_t id) const;
   std::string_view keyword_name(std::uint32_t keyword) const;
 
-  std::vector<std::int32_t> dense;                              // id -> index, -1 none
-  std::vector<std::pair<std::int64_t, std::int32_t>> sparse;    // sorted, when ids are far apart
+  std::vector<std::int32_t> dense;                            // id -> index, -1 none
+  std::vector<std::pair<std::int64_t, std::int32_t>> sparse;  // sorted, when ids are far apart
 };
 
 /// What cannot be read at all.
@@ -77,6 +77,8 @@ struct Failure {
   std::string what;
 };
 std::optional<Failure> parse(std::string_view bytes, File& file);
+/// Fills File::dense or File::sparse; of an id used twice the first instance counts, and the others are faults.
+void index_instances(File& file);
 
 /// The text of a string value: directives and doubled quotes decoded to UTF-8; unknown directives stay as they are.
 std::string decoded(std::string_view raw);

@@ -65,8 +65,10 @@ class PmiReader {
           const Args a = b_.args(i);
           const Value* v = a.at(4);
           std::vector<std::int64_t> items;
-          if (v && v->kind == Kind::list) items = b_.references(i, v);
-          else items.push_back(b_.reference(i, v));
+          if (v && v->kind == Kind::list)
+            items = b_.references(i, v);
+          else
+            items.push_back(b_.reference(i, v));
           auto& list = faces_[b_.reference(i, a.at(2))];
           for (std::int64_t item : items) {
             const Instance* f = f_.find(item);
@@ -145,7 +147,8 @@ class PmiReader {
       const Args a = b_.args(i);
       const Value* base = a.at(4);
       std::string s;
-      if (base && base->kind == Kind::reference) s = datum_letter(base->integer, depth + 1);
+      if (base && base->kind == Kind::reference)
+        s = datum_letter(base->integer, depth + 1);
       else if (base && base->kind == Kind::typed && base->inside >= 2)
         for (std::int64_t c : b_.references(i, base + 1)) s += (s.empty() ? "" : "-") + datum_letter(c, depth + 1);
       return s + modifiers(i, a.at(5));
@@ -161,9 +164,12 @@ class PmiReader {
     for (std::uint32_t k = 0; k < a.size(); ++k, q = next(q)) {
       const Value* w = q->kind == Kind::typed && q->inside >= 2 ? q + 2 : q;
       const std::string_view e = b_.enumeration(w);
-      if (e == "MAXIMUM_MATERIAL_REQUIREMENT") s += " M";
-      else if (e == "LEAST_MATERIAL_REQUIREMENT") s += " L";
-      else if (!e.empty()) s += " " + std::string(e);
+      if (e == "MAXIMUM_MATERIAL_REQUIREMENT")
+        s += " M";
+      else if (e == "LEAST_MATERIAL_REQUIREMENT")
+        s += " L";
+      else if (!e.empty())
+        s += " " + std::string(e);
     }
     return s;
   }

@@ -5,10 +5,11 @@
 #include <chrono>
 #include <cmath>
 
+#include "planner/geom/mesh_brep.hpp"
 #include "planner/io/step/classify.hpp"
 #include "planner/io/step/model.hpp"
-#include "planner/geom/mesh_brep.hpp"
 #include "planner/io/step/pmi.hpp"
+#include "planner/io/step/style.hpp"
 #include "planner/io/step/tessellate.hpp"
 #include "planner/io/step/tessellated.hpp"
 
@@ -20,9 +21,21 @@ using namespace step;
 constexpr double kPlacedFacesLimit = 1e6;
 
 /// Appends one placed body to the part.
-void place(const Body& body, const BodyMesh& mesh, const std::vector<BrepEdge>& edges, const Eigen::Affine3d& T, Brep& out) {
+void place(const Body& body, const BodyMesh& mesh, const std::vector<BrepEdge>& edges, const BodyUse& use, int nth, const Styles& styles,
+           Brep& out) {
+  const Eigen::Affine3d& T = use.T_root_body;
   const int face_0 = static_cast<int>(out.faces.size());
-  const int vertex_0 = static_cast<int>(out.mesh.vertices.size()), body_index = out.solids_count + out.shells_count;
+  const int vertex_0 = static_cast<int>(out.mesh.vertices.size()), body_index = static_cast<int>(out.bodies.size());
+  const std::string suffix = nth > 1 ? ":" + std::to_string(nth) : "";
+  const auto style_of = [](const auto& map, std::initializer_list<std::int64_t> ids) {
+    for (std::int64_t id : ids)
+      if (const auto it = map.find(id); it != map.end()) return it->second;
+    return std::string();
+  };
+  const std::int64_t shell_id = body.shells.empty() ? 0 : body.shells.front().id;
+  out.bodies.push_back({"#" + std::to_string(body.id) + suffix, use.name, use.instance,
+                        style_of(styles.color, {body.id, shell_id, use.representation}),
+                        style_of(styles.layer, {body.id, shell_id, use.representation}), body.is_solid});
   const double scale = std::cbrt(std::abs(T.linear().determinant()));
   const bool is_mirror = T.linear().determinant() < 0;
   const Mat3 R = T.linear() / (scale > 0 ? scale : 1);
@@ -30,7 +43,9 @@ void place(const Body& body, const BodyMesh& mesh, const std::vector<BrepEdge>& 
   for (std::size_t k = 0; k < body.faces.size(); ++k) {
     const TopoFace& f = body.faces[k];
     BrepFace b;
-    b.id = "#" + std::to_string(f.id);
+    b.id = "#" + std::to_string(f.id) + suffix;
+    b.color = style_of(styles.color, {f.id});
+    if (b.color.empty()) b.color = out.bodies.back().color;
     b.same_sense = f.same_sense;
     b.body = body_index;
     b.fault = f.fault;
@@ -46,6 +61,7 @@ void place(const Body& body, const BodyMesh& mesh, const std::vector<BrepEdge>& 
     out.faces.push_back(std::move(b));
   }
   for (BrepEdge e : edges) {
+    e.id += suffix;
     for (int* f : {&e.face_1, &e.face_2})
       if (*f >= 0) {
         *f += face_0;
@@ -79,8 +95,10 @@ void place(const Body& body, const BodyMesh& mesh, const std::vector<BrepEdge>& 
     out.mesh.triangles.push_back(tri);
     out.triangle_face.push_back(face_0 + mesh.face[t]);
   }
-  if (body.is_solid) ++out.solids_count;
-  else out.shells_count += static_cast<int>(body.shells.size());
+  if (body.is_solid)
+    ++out.solids_count;
+  else
+    out.shells_count += static_cast<int>(body.shells.size());
 }
 
 /// Closed shells whose volume has the wrong sign are turned inside out.
@@ -94,7 +112,8 @@ bool orient_shells(Body& body, BodyMesh& mesh, std::vector<Note>& notes, const s
     reverse_shell(body, static_cast<int>(s));
     for (int f : body.shells[s].faces) mesh.volume_mm3[static_cast<std::size_t>(f)] *= -1;
     for (std::size_t t = 0; t < mesh.triangles.size(); ++t)
-      if (body.faces[static_cast<std::size_t>(mesh.face[t])].shell == static_cast<int>(s)) std::swap(mesh.triangles[t][1], mesh.triangles[t][2]);
+      if (body.faces[static_cast<std::size_t>(mesh.face[t])].shell == static_cast<int>(s))
+        std::swap(mesh.triangles[t][1], mesh.triangles[t][2]);
     notes.push_back({Note::Level::warning, "step.shell_turned", "a closed shell was inside out and has been turned",
                      name + ": #" + std::to_string(body.shells[s].id)});
     turned = true;
@@ -143,6 +162,8 @@ Result<Done<Brep>> from_triangles(Binder& binder, const Model& model, const std:
                    .stage = "input"});
   Brep b = brep_from_mesh(all.mesh, all.group, all.ids);
   if (solids > 0) b.solids_count = solids, b.shells_count = 0;
+  const BodyUse& first = model.tessellated.front();
+  b.bodies = {{"#" + std::to_string(first.body), first.name, first.instance, "", "", b.solids_count > 0}};
   b.schema = done.artefact.schema, b.units = done.artefact.units, b.unread = std::move(done.artefact.unread);
   b.pmi = std::move(done.artefact.pmi);
   done.artefact = std::move(b);
@@ -162,7 +183,9 @@ Box3 outline_of(const Body& body) {
     if (!(d.u1 - d.u0 < 1e200 && d.v1 - d.v0 < 1e200)) continue;
     for (int i = 0; i <= 8; ++i)
       for (int j = 0; j <= 8; ++j)
-        box.extend(evaluate_jet(body.surfaces[static_cast<std::size_t>(f.surface)], d.u0 + (d.u1 - d.u0) * i / 8, d.v0 + (d.v1 - d.v0) * j / 8, 1).p);
+        box.extend(
+            evaluate_jet(body.surfaces[static_cast<std::size_t>(f.surface)], d.u0 + (d.u1 - d.u0) * i / 8, d.v0 + (d.v1 - d.v0) * j / 8, 1)
+                .p);
   }
   return box;
 }
@@ -187,21 +210,25 @@ Result<Done<Brep>> read_step(std::string_view bytes, const std::string& name, co
   for (std::size_t k = 0; k < file.schema.size(); ++k) out.schema += (k ? ", " : "") + file.schema[k];
   for (const p21::Fault& f : file.faults) {
     const p21::Instance* i = f.id ? file.find(f.id) : nullptr;
-    const std::string entity = i && i->record_count ? std::string(file.keyword_name(file.records[i->record].keyword)) : std::string("syntax");
+    const std::string entity =
+        i && i->record_count ? std::string(file.keyword_name(file.records[i->record].keyword)) : std::string("syntax");
     out.unread.push_back({entity, static_cast<int>(f.line), StepFault{f.line, f.id, entity, f.what}.text()});
   }
   Binder binder(file);
   Model model = read_model(binder, out.unread);
   out.units = model.units.name;
   out.pmi = read_pmi(binder);
+  const Styles styles = read_styles(binder);
   if (model.is_cut)
-    return refuse({.code = "step.limits",
-                   .where = name + ":1",
-                   .message = "the assembly places more than 100000 products or bodies, or nests deeper than 64; export the part that is worked on alone",
-                   .measured = static_cast<double>(model.bodies.size()),
-                   .limit = 100000,
-                   .unit = "bodies",
-                   .stage = "input"});
+    return refuse(
+        {.code = "step.limits",
+         .where = name + ":1",
+         .message =
+             "the assembly places more than 100000 products or bodies, or nests deeper than 64; export the part that is worked on alone",
+         .measured = static_cast<double>(model.bodies.size()),
+         .limit = 100000,
+         .unit = "bodies",
+         .stage = "input"});
 
   std::vector<std::pair<std::int64_t, Body>> bodies;
   double diagonal = 0;
@@ -219,10 +246,8 @@ Result<Done<Brep>> read_step(std::string_view bytes, const std::string& name, co
     std::string what = "the file holds no body with faces";
     if (!out.unread.empty()) what += " that can be read (" + out.unread.front().why + ")";
     if (!model.external.empty()) what += "; its geometry is in other files (" + model.external.front() + ")";
-    return refuse({.code = "step.no_body",
-                   .where = name + ":1",
-                   .message = what + "; export the part as a solid in one file",
-                   .stage = "input"});
+    return refuse(
+        {.code = "step.no_body", .where = name + ":1", .message = what + "; export the part as a solid in one file", .stage = "input"});
   }
   Tolerance tolerance;
   tolerance.chord_mm = options.chord_mm > 0 ? options.chord_mm : std::clamp(1e-4 * diagonal, 0.001, 0.02);
@@ -235,8 +260,10 @@ Result<Done<Brep>> read_step(std::string_view bytes, const std::string& name, co
   for (auto& [id, body] : bodies) {
     double length = 0;
     for (const TopoEdge& e : body.edges)
-      length += 9 + (evaluate(e.curve, e.t1).p - evaluate(e.curve, e.t0).p).norm() + (e.is_closed ? 4 * (evaluate(e.curve, 0.5 * (e.t0 + e.t1)).p - evaluate(e.curve, e.t0).p).norm() : 0);
-    const double uses = static_cast<double>(std::count_if(model.bodies.begin(), model.bodies.end(), [&, key = id](const BodyUse& u) { return u.body == key; }));
+      length += 9 + (evaluate(e.curve, e.t1).p - evaluate(e.curve, e.t0).p).norm() +
+                (e.is_closed ? 4 * (evaluate(e.curve, 0.5 * (e.t0 + e.t1)).p - evaluate(e.curve, e.t0).p).norm() : 0);
+    const double uses = static_cast<double>(
+        std::count_if(model.bodies.begin(), model.bodies.end(), [&, key = id](const BodyUse& u) { return u.body == key; }));
     samples += uses * length / std::max(options.edge_step_mm, 1e-3);
     placed_faces += uses * static_cast<double>(body.faces.size());
   }
@@ -261,8 +288,9 @@ Result<Done<Brep>> read_step(std::string_view bytes, const std::string& name, co
     timing.mesh_s += lap();
     const std::vector<BrepEdge> edges = classify_edges(body, edge_step_mm, rad_from_deg(10));
     timing.topology_s += lap();
+    int nth = 0;
     for (const BodyUse& use : model.bodies)
-      if (use.body == id) place(body, mesh, edges, use.T_root_body, out);
+      if (use.body == id) place(body, mesh, edges, use, ++nth, styles, out);
   }
   drop_unused_vertices(out.mesh);
   for (const BrepEdge& e : out.edges)
@@ -272,14 +300,15 @@ Result<Done<Brep>> read_step(std::string_view bytes, const std::string& name, co
       const auto it = std::find_if(bodies.begin(), bodies.end(), [&](const auto& b) { return b.first == use.body; });
       const Box3 box = outline_of(it->second);
       for (int k = 0; k < 8 && !box.is_empty(); ++k)
-        out.box.extend(use.T_root_body * Vec3(k & 1 ? box.max_mm.x() : box.min_mm.x(), k & 2 ? box.max_mm.y() : box.min_mm.y(), k & 4 ? box.max_mm.z() : box.min_mm.z()));
+        out.box.extend(use.T_root_body * Vec3(k & 1 ? box.max_mm.x() : box.min_mm.x(), k & 2 ? box.max_mm.y() : box.min_mm.y(),
+                                              k & 4 ? box.max_mm.z() : box.min_mm.z()));
     }
   for (const Vec3& v : out.mesh.vertices) out.box.extend(v);
   out.chord_max_mm = chord_max_mm;
   if (chord_max_mm > tolerance.chord_mm)
     done.notes.push_back({Note::Level::warning, "step.chord_not_held",
-                          "the mesh would need too many points: its chords leave the surfaces by up to " + std::to_string(chord_max_mm) + " mm, asked were " +
-                              std::to_string(tolerance.chord_mm) + " mm",
+                          "the mesh would need too many points: its chords leave the surfaces by up to " + std::to_string(chord_max_mm) +
+                              " mm, asked were " + std::to_string(tolerance.chord_mm) + " mm",
                           name});
   out.open_edges_count = count_open_edges(out.mesh.triangles);
   timing.mesh_s += lap();

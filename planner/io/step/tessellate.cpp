@@ -7,6 +7,7 @@
 #include <unordered_map>
 #include <unordered_set>
 
+#include "planner/io/step/flat_face.hpp"
 #include "planner/io/step/planar_mesh.hpp"
 
 namespace asbuilt::step {
@@ -92,20 +93,30 @@ class FaceMesher {
     }
     const Step s = curvature_step(chart, {d.u0, d.v0}, {d.u1, d.v1}, tol_);
     // The middle of a cell is off by what both directions leave, so each takes half.
-    const auto count = [](double span, double step) { return std::clamp(static_cast<int>(std::ceil(1.42 * span / std::max(step, 1e-300))), 6, 1500); };
+    const auto count = [](double span, double step) {
+      return std::clamp(static_cast<int>(std::ceil(1.42 * span / std::max(step, 1e-300))), 6, 1500);
+    };
     const int nu = count(d.u1 - d.u0, s.u), nv = count(d.v1 - d.v0, s.v);
     std::vector<int> id(static_cast<std::size_t>((nu + 1) * (nv + 1)));
     const auto at = [&](int i, int j) -> int& { return id[static_cast<std::size_t>(i * (nv + 1) + j)]; };
     const auto uv = [&](int i, int j) { return Vec2(d.u0 + (d.u1 - d.u0) * i / nu, d.v0 + (d.v1 - d.v0) * j / nv); };
     for (int i = 0; i <= nu; ++i)
       for (int j = 0; j <= nv; ++j) {
-        if (i == nu && d.is_periodic_u) at(i, j) = at(0, j);
-        else if (j == nv && d.is_periodic_v) at(i, j) = at(i, 0);
-        else if (j == 0 && d.is_pole_v0 && i > 0) at(i, j) = at(0, j);
-        else if (j == nv && d.is_pole_v1 && i > 0) at(i, j) = at(0, j);
-        else if (i == 0 && d.is_pole_u0 && j > 0) at(i, j) = at(i, 0);
-        else if (i == nu && d.is_pole_u1 && j > 0) at(i, j) = at(i, 0);
-        else at(i, j) = static_cast<int>(mesh_.vertices.size()), mesh_.vertices.push_back(evaluate_jet(*chart.surface, uv(i, j).x(), uv(i, j).y()).p);
+        if (i == nu && d.is_periodic_u)
+          at(i, j) = at(0, j);
+        else if (j == nv && d.is_periodic_v)
+          at(i, j) = at(i, 0);
+        else if (j == 0 && d.is_pole_v0 && i > 0)
+          at(i, j) = at(0, j);
+        else if (j == nv && d.is_pole_v1 && i > 0)
+          at(i, j) = at(0, j);
+        else if (i == 0 && d.is_pole_u0 && j > 0)
+          at(i, j) = at(i, 0);
+        else if (i == nu && d.is_pole_u1 && j > 0)
+          at(i, j) = at(i, 0);
+        else
+          at(i, j) = static_cast<int>(mesh_.vertices.size()),
+                mesh_.vertices.push_back(evaluate_jet(*chart.surface, uv(i, j).x(), uv(i, j).y()).p);
       }
     for (int i = 0; i < nu; ++i)
       for (int j = 0; j < nv; ++j) {
@@ -199,7 +210,8 @@ class FaceMesher {
     extend();
     PlanarMesh::Inside in = planar.inside();
     if (!chart.is_plane) {
-      std::size_t budget = std::min<std::size_t>(200'000, mesh_.vertices.size() > kVerticesLimit ? 0 : kVerticesLimit - mesh_.vertices.size());
+      std::size_t budget =
+          std::min<std::size_t>(200'000, mesh_.vertices.size() > kVerticesLimit ? 0 : kVerticesLimit - mesh_.vertices.size());
       for (int round = 0; round < 40; ++round) {
         std::vector<Vec2> more;
         for (std::size_t t = 0; t < in.triangles.size(); ++t) refine(chart, q, id, in.triangles[t], in.is_border[t], more);
@@ -214,7 +226,8 @@ class FaceMesher {
         std::sort(more.begin(), more.end(), [](const Vec2& a, const Vec2& b) { return a.x() != b.x() ? a.x() < b.x() : a.y() < b.y(); });
         more.erase(std::unique(more.begin(), more.end(), [](const Vec2& a, const Vec2& b) { return (a - b).norm() < 1e-9; }), more.end());
         if (more.size() > budget) {
-          for (const auto& [side, excess] : checked_) mesh_.chord_max_mm = std::max(mesh_.chord_max_mm, 0.9 * tol_.chord_mm * static_cast<double>(excess));
+          for (const auto& [side, excess] : checked_)
+            mesh_.chord_max_mm = std::max(mesh_.chord_max_mm, 0.9 * tol_.chord_mm * static_cast<double>(excess));
           more.resize(budget);
         }
         budget -= more.size();
@@ -251,11 +264,14 @@ class FaceMesher {
   }
 
   /// Pieces that cross or touch: each edge gets the feet of the other's ends as samples, so that near-parallel borders run alike.
-  bool want_samples(const std::vector<Vec2>& q, const std::vector<std::array<int, 2>>& segments, const std::vector<const ChartPoint*>& pieces) {
+  bool want_samples(const std::vector<Vec2>& q, const std::vector<std::array<int, 2>>& segments,
+                    const std::vector<const ChartPoint*>& pieces) {
     const auto side = [](const Vec2& a, const Vec2& b, const Vec2& c) { return (b - a).x() * (c - a).y() - (b - a).y() * (c - a).x(); };
     std::vector<std::size_t> order(segments.size());
     for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
-    const auto end = [&](std::size_t i, int k) -> const Vec2& { return q[static_cast<std::size_t>(segments[i][static_cast<std::size_t>(k)])]; };
+    const auto end = [&](std::size_t i, int k) -> const Vec2& {
+      return q[static_cast<std::size_t>(segments[i][static_cast<std::size_t>(k)])];
+    };
     const auto low = [&](std::size_t i) { return std::min(end(i, 0).x(), end(i, 1).x()); };
     const auto high = [&](std::size_t i) { return std::max(end(i, 0).x(), end(i, 1).x()); };
     std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return low(a) != low(b) ? low(a) < low(b) : a < b; });
@@ -338,23 +354,28 @@ class FaceMesher {
     Vec2 pick;
     bool found = false;
     for (int k = 0; k < 3; ++k) {
-      const auto a = static_cast<std::size_t>(t[static_cast<std::size_t>(k)]), b = static_cast<std::size_t>(t[static_cast<std::size_t>((k + 1) % 3)]);
+      const auto a = static_cast<std::size_t>(t[static_cast<std::size_t>(k)]),
+                 b = static_cast<std::size_t>(t[static_cast<std::size_t>((k + 1) % 3)]);
       if (is_border[static_cast<std::size_t>(k)] || id[a] == id[b]) continue;
       const std::uint64_t key = static_cast<std::uint64_t>(std::min(a, b)) << 32 | std::max(a, b);
       const auto [it, first] = checked_.emplace(key, 0.0f);
       if (first) {
         const Vec2 m = 0.5 * (q[a] + q[b]);
-        const double far = off(chart, m, 0.5 * (mesh_.vertices[static_cast<std::size_t>(id[a])] + mesh_.vertices[static_cast<std::size_t>(id[b])])) / limit;
+        const double far =
+            off(chart, m, 0.5 * (mesh_.vertices[static_cast<std::size_t>(id[a])] + mesh_.vertices[static_cast<std::size_t>(id[b])])) /
+            limit;
         it->second = static_cast<float>(std::max(far, turn(chart, q, a, b) / tol_.angle_rad));
       }
       if (it->second > worst) worst = it->second, pick = 0.5 * (q[a] + q[b]), found = true;
     }
     const auto a = static_cast<std::size_t>(t[0]), b = static_cast<std::size_t>(t[1]), c = static_cast<std::size_t>(t[2]);
-    if (!found && good_.insert(std::min({a, b, c}) * 0x9E3779B97F4A7C15ull ^ std::max({a, b, c}) * 0xC2B2AE3D27D4EB4Full ^ (a + b + c)).second) {
+    if (!found &&
+        good_.insert(std::min({a, b, c}) * 0x9E3779B97F4A7C15ull ^ std::max({a, b, c}) * 0xC2B2AE3D27D4EB4Full ^ (a + b + c)).second) {
       if (id[a] == id[b] || id[b] == id[c] || id[c] == id[a]) return;
       const Vec2 m = (q[a] + q[b] + q[c]) / 3;
       const Vec3 p = (mesh_.vertices[static_cast<std::size_t>(id[a])] + mesh_.vertices[static_cast<std::size_t>(id[b])] +
-                      mesh_.vertices[static_cast<std::size_t>(id[c])]) / 3;
+                      mesh_.vertices[static_cast<std::size_t>(id[c])]) /
+                     3;
       if (off(chart, m, p) > limit) pick = m, found = true;
     }
     if (found) more.push_back(pick);
@@ -369,7 +390,8 @@ class FaceMesher {
       const double l = n.norm();
       normals_[k] = l > 1e-6 * std::max(j.d0.squaredNorm(), j.d1.squaredNorm()) ? Vec3(n / l) : Vec3::Zero();
     }
-    return std::atan2(normals_[a].cross(normals_[b]).norm(), normals_[a].dot(normals_[b]) + (normals_[a].isZero() || normals_[b].isZero() ? 1 : 0));
+    return std::atan2(normals_[a].cross(normals_[b]).norm(),
+                      normals_[a].dot(normals_[b]) + (normals_[a].isZero() || normals_[b].isZero() ? 1 : 0));
   }
   double off(const Chart& chart, const Vec2& m, const Vec3& p) const {
     const Chart::Jet j = chart.at(m);
@@ -395,61 +417,6 @@ class FaceMesher {
   bool is_backwards_ = false;                                     // the loops run with the interior on the right
   bool is_check_ = false;                                         // borders only: no triangles are made
 };
-
-/// Best-fit plane of the border: keeps the shell closed where the exact surface could not be used.
-bool flat_fallback(const Body& body, int face, BodyMesh& mesh) {
-  const TopoFace& f = body.faces[static_cast<std::size_t>(face)];
-  std::vector<std::vector<int>> loops;
-  Vec3 normal = Vec3::Zero(), center = Vec3::Zero();
-  int n = 0;
-  for (const TopoLoop& l : f.loops) {
-    std::vector<int> ids;
-    for (const EdgeUse& u : l.uses) {
-      const TopoEdge& e = body.edges[static_cast<std::size_t>(u.edge)];
-      for (std::size_t i = 0; i + 1 < e.vertex.size(); ++i) ids.push_back(u.is_forward ? e.vertex[i] : e.vertex[e.vertex.size() - 1 - i]);
-    }
-    for (std::size_t i = 0; i < ids.size(); ++i) {
-      const Vec3 &a = mesh.vertices[static_cast<std::size_t>(ids[i])], &b = mesh.vertices[static_cast<std::size_t>(ids[(i + 1) % ids.size()])];
-      normal += (a - mesh.vertices[static_cast<std::size_t>(ids[0])]).cross(b - mesh.vertices[static_cast<std::size_t>(ids[0])]);
-      center += a, ++n;
-    }
-    if (!ids.empty()) loops.push_back(std::move(ids));
-  }
-  if (n < 3 || !(normal.norm() > 0)) return false;
-  center /= n;
-  const Eigen::Quaterniond r = quat_from_z(normal.normalized(), Vec3::UnitX()).conjugate();
-  std::vector<Vec2> q;
-  std::vector<int> id;
-  std::vector<std::array<int, 2>> segments;
-  for (const auto& l : loops) {
-    const int first = static_cast<int>(q.size());
-    for (int v : l) q.push_back((r * (mesh.vertices[static_cast<std::size_t>(v)] - center)).head<2>()), id.push_back(v);
-    for (int i = 0; i < static_cast<int>(l.size()); ++i) segments.push_back({first + i, first + (i + 1) % static_cast<int>(l.size())});
-  }
-  PlanarMesh planar;
-  planar.build(q, segments);
-  for (int k = static_cast<int>(id.size()); k < planar.size(); ++k) {
-    id.push_back(static_cast<int>(mesh.vertices.size()));
-    const Vec2 p = planar.point(k);
-    mesh.vertices.push_back(center + r.conjugate() * Vec3(p.x(), p.y(), 0));
-  }
-  double area = 0, volume = 0;
-  for (const auto& t : planar.inside().triangles) {
-    const std::array<int, 3> v{id[static_cast<std::size_t>(t[0])], id[static_cast<std::size_t>(t[1])], id[static_cast<std::size_t>(t[2])]};
-    if (v[0] == v[1] || v[1] == v[2] || v[2] == v[0]) continue;
-    mesh.triangles.push_back(v), mesh.face.push_back(face);
-    const Vec3 a = mesh.vertices[static_cast<std::size_t>(v[0])] - mesh.origin, b = mesh.vertices[static_cast<std::size_t>(v[1])] - mesh.origin,
-               c = mesh.vertices[static_cast<std::size_t>(v[2])] - mesh.origin;
-    area += 0.5 * (b - a).cross(c - a).norm();
-    volume += a.dot(b.cross(c)) / 6;
-  }
-  mesh.area_mm2[static_cast<std::size_t>(face)] = area, mesh.volume_mm3[static_cast<std::size_t>(face)] = volume;
-  return area > 0;
-}
-
-}  // namespace
-
-namespace {
 
 /// Edges of the face used the other way round by their other face, as in a closed shell they are, less those used the same way.
 int agreement_with_neighbours(const Body& body, std::size_t face) {
@@ -483,8 +450,10 @@ BodyMesh tessellate_once(Body& body, const Tolerance& tol, std::map<std::size_t,
       bool ok = m.run(why);
       const int agreement = ok && m.is_backwards_ ? agreement_with_neighbours(body, k) : 0;
       if (agreement != 0) {  // the sense of the face is wrong, or else its loops
-        if (agreement > 0) f.same_sense = !f.same_sense;
-        else reverse_loops(body, static_cast<int>(k));
+        if (agreement > 0)
+          f.same_sense = !f.same_sense;
+        else
+          reverse_loops(body, static_cast<int>(k));
         FaceMesher again(body, static_cast<int>(k), tol, mesh);
         again.wanted_ = wanted, again.is_check_ = is_check;
         mesh.vertices.resize(vertices), mesh.triangles.resize(triangles), mesh.face.resize(triangles);
@@ -496,8 +465,10 @@ BodyMesh tessellate_once(Body& body, const Tolerance& tol, std::map<std::size_t,
       }
     }
     if (is_check) continue;
-    if (f.loops.empty() || !flat_fallback(body, static_cast<int>(k), mesh)) why += "; left out of the mesh";
-    else why += "; meshed flat";
+    if (f.loops.empty() || !flat_fallback(body, static_cast<int>(k), mesh))
+      why += "; left out of the mesh";
+    else
+      why += "; meshed flat";
     f.fault = why;
   }
   return mesh;
@@ -526,25 +497,6 @@ BodyMesh tessellate(Body& body, const Tolerance& tol) {
   }
   forget();
   return tessellate_once(body, tol, nullptr, false);
-}
-
-int count_open_edges(const std::vector<std::array<int, 3>>& triangles) {
-  std::vector<std::uint64_t> sides;
-  sides.reserve(3 * triangles.size());
-  for (const auto& t : triangles)
-    for (std::size_t k = 0; k < 3; ++k) {
-      const auto a = static_cast<std::uint32_t>(t[k]), b = static_cast<std::uint32_t>(t[(k + 1) % 3]);
-      sides.push_back(a < b ? (std::uint64_t(a) << 33 | std::uint64_t(b) << 1) : (std::uint64_t(b) << 33 | std::uint64_t(a) << 1 | 1));
-    }
-  std::sort(sides.begin(), sides.end());
-  int open = 0;
-  for (std::size_t i = 0; i < sides.size();) {
-    const std::uint64_t pair = sides[i] >> 1;
-    int balance = 0;
-    for (; i < sides.size() && sides[i] >> 1 == pair; ++i) balance += sides[i] & 1 ? -1 : 1;
-    open += std::abs(balance);
-  }
-  return open;
 }
 
 }  // namespace asbuilt::step

@@ -54,8 +54,10 @@ void read_face(const Binder& b, const Instance& i, TriangleBody& out) {
     const Args t = b.list(i, v);
     for (std::uint32_t j = 0; j + 2 < t.size(); ++j) {
       const int x = vertex(t.first() + j), y = vertex(t.first() + j + 1), z = vertex(t.first() + j + 2);
-      if (is_strips && j % 2) add(y, x, z);
-      else add(x, y, z);
+      if (is_strips && j % 2)
+        add(y, x, z);
+      else
+        add(x, y, z);
       if (!is_strips) break;
     }
   }
@@ -82,8 +84,10 @@ void read_triangles(const Binder& b, std::int64_t id, TriangleBody& out, std::ve
       case K_TRIANGULATED_FACE:
       case K_COMPLEX_TRIANGULATED_FACE:
       case K_TRIANGULATED_SURFACE_SET:
-      case K_COMPLEX_TRIANGULATED_SURFACE_SET: return read_face(b, i, out);
-      default: b.fail(i, "a kind of tessellated item that is not known");
+      case K_COMPLEX_TRIANGULATED_SURFACE_SET:
+        return read_face(b, i, out);
+      default:
+        b.fail(i, "a kind of tessellated item that is not known");
     }
   } catch (const StepFault& f) {
     if (unread.size() < 1000) unread.push_back({f.entity, static_cast<int>(f.line), f.text()});

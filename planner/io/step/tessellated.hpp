@@ -10,9 +10,9 @@
 namespace asbuilt::step {
 
 struct TriangleBody {
-  Mesh mesh;                     // vertices as given, not welded between faces
-  std::vector<int> group;        // face of each triangle
-  std::vector<std::string> ids;  // "#417" of each face
+  Mesh mesh;                                                    // vertices as given, not welded between faces
+  std::vector<int> group;                                       // face of each triangle
+  std::vector<std::string> ids;                                 // "#417" of each face
   std::unordered_map<std::int64_t, std::pair<int, int>> lists;  // COORDINATES_LIST -> first vertex and count, read once a body
 };
 

@@ -68,7 +68,8 @@ class BodyReader {
           body_.shells.push_back(s);
           return face(id, is_forward, static_cast<int>(body_.shells.size()) - 1, 0);
         }
-        default: b_.fail(i, "a shell is expected here");
+        default:
+          b_.fail(i, "a shell is expected here");
       }
     } catch (const StepFault& f) {
       note(f);
@@ -76,7 +77,8 @@ class BodyReader {
   }
 
   void note(const StepFault& f) {
-    if (unread_.size() < 1000) unread_.push_back({f.entity.empty() ? "#" + std::to_string(f.id) : f.entity, static_cast<int>(f.line), f.text()});
+    if (unread_.size() < 1000)
+      unread_.push_back({f.entity.empty() ? "#" + std::to_string(f.id) : f.entity, static_cast<int>(f.line), f.text()});
   }
 
   void face(std::int64_t id, bool is_forward, int shell, int depth) {
@@ -87,8 +89,7 @@ class BodyReader {
       f.line = i.line;
       const Args a = b_.args(i);
       if (depth > 8) b_.fail(i, "faces refer to each other in a circle");
-      if (b_.key(i) == K_ORIENTED_FACE)
-        return face(b_.reference(i, a.at(2)), b_.is_true(i, a.at(3)) == is_forward, shell, depth + 1);
+      if (b_.key(i) == K_ORIENTED_FACE) return face(b_.reference(i, a.at(2)), b_.is_true(i, a.at(3)) == is_forward, shell, depth + 1);
       if (b_.key(i) != K_ADVANCED_FACE && b_.key(i) != K_FACE_SURFACE) b_.fail(i, "a face with a surface is expected here");
       const std::int64_t surface_id = b_.reference(i, a.at(2));
       f.same_sense = b_.is_true(i, a.at(3));
@@ -115,7 +116,8 @@ class BodyReader {
       for (const EdgeUse& u : l.uses) {
         TopoEdge& e = body_.edges[static_cast<std::size_t>(u.edge)];
         e.uses.emplace_back(k, u.is_forward);
-        if (e.is_chord && f.fault.empty()) f.fault = "its edge #" + std::to_string(e.id) + " could not be read and is replaced by its chord";
+        if (e.is_chord && f.fault.empty())
+          f.fault = "its edge #" + std::to_string(e.id) + " could not be read and is replaced by its chord";
       }
     body_.shells[static_cast<std::size_t>(shell)].faces.push_back(k);
     body_.faces.push_back(std::move(f));

@@ -21,14 +21,14 @@ struct TopoEdge {
   std::uint32_t line = 0;
   int v0 = -1, v1 = -1;
   Curve curve;
-  double t0 = 0, t1 = 0;         // curve parameters at v0 and v1; t1 < t0 when the edge runs against the curve
-  bool is_closed = false;        // v0 == v1
-  bool is_point = false;         // closed and of no length: a pole or an apex
-  bool is_chord = false;         // the curve could not be read: a straight stand-in
+  double t0 = 0, t1 = 0;   // curve parameters at v0 and v1; t1 < t0 when the edge runs against the curve
+  bool is_closed = false;  // v0 == v1
+  bool is_point = false;   // closed and of no length: a pole or an apex
+  bool is_chord = false;   // the curve could not be read: a straight stand-in
   std::string fault;
-  std::vector<double> t_extra;   // asked for where two borders of a face run closer than their chords
-  std::vector<double> t;         // mesh samples, t.front() == t0, t.back() == t1
-  std::vector<int> vertex;       // their mesh vertices
+  std::vector<double> t_extra;             // asked for where two borders of a face run closer than their chords
+  std::vector<double> t;                   // mesh samples, t.front() == t0, t.back() == t1
+  std::vector<int> vertex;                 // their mesh vertices
   std::vector<std::pair<int, bool>> uses;  // face, forward with respect to the outward normal of that face
 };
 

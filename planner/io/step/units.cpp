@@ -16,8 +16,8 @@ double prefix_factor(std::string_view prefix) {
     std::string_view name;
     double factor;
   };
-  constexpr Row rows[] = {{"EXA", 1e18},  {"PETA", 1e15},  {"TERA", 1e12},  {"GIGA", 1e9},   {"MEGA", 1e6},   {"KILO", 1e3},
-                          {"HECTO", 1e2}, {"DECA", 1e1},   {"DECI", 1e-1},  {"CENTI", 1e-2}, {"MILLI", 1e-3}, {"MICRO", 1e-6},
+  constexpr Row rows[] = {{"EXA", 1e18},  {"PETA", 1e15},  {"TERA", 1e12},   {"GIGA", 1e9},   {"MEGA", 1e6},   {"KILO", 1e3},
+                          {"HECTO", 1e2}, {"DECA", 1e1},   {"DECI", 1e-1},   {"CENTI", 1e-2}, {"MILLI", 1e-3}, {"MICRO", 1e-6},
                           {"NANO", 1e-9}, {"PICO", 1e-12}, {"FEMTO", 1e-15}, {"ATTO", 1e-18}};
   for (const Row& r : rows)
     if (r.name == prefix) return r.factor;
@@ -54,7 +54,11 @@ double unit_factor(const Binder& b, const Instance& i, int depth, std::string& n
     if (s.size() >= 2) p = s.at(s.size() - 2), n = s.at(s.size() - 1);
     const std::string_view unit = b.enumeration(n), prefix = b.enumeration(p);
     if (unit == "METRE") {
-      name = prefix.empty() ? "m" : prefix == "MILLI" ? "mm" : prefix == "CENTI" ? "cm" : prefix == "MICRO" ? "um" : std::string(prefix) + "METRE";
+      name = prefix.empty()      ? "m"
+             : prefix == "MILLI" ? "mm"
+             : prefix == "CENTI" ? "cm"
+             : prefix == "MICRO" ? "um"
+                                 : std::string(prefix) + "METRE";
       return prefix_factor(prefix);
     }
     if (unit == "RADIAN") {

@@ -120,7 +120,8 @@ int main(int argc, char** argv) {
   benchmark::RegisterBenchmark("corpus/parse_and_bind", parse_and_bind)->Unit(benchmark::kMillisecond);
   benchmark::RegisterBenchmark("corpus/brep", brep)->Unit(benchmark::kMillisecond);
   benchmark::RegisterBenchmark("corpus/mesh", mesh)->Unit(benchmark::kMillisecond);
-  for (const Input& i : inputs()) benchmark::RegisterBenchmark(("file/" + i.name + "/mesh").c_str(), mesh_one, &i)->Unit(benchmark::kMillisecond);
+  for (const Input& i : inputs())
+    benchmark::RegisterBenchmark(("file/" + i.name + "/mesh").c_str(), mesh_one, &i)->Unit(benchmark::kMillisecond);
   benchmark::RunSpecifiedBenchmarks();
   return 0;
 }

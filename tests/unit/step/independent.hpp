@@ -44,7 +44,8 @@ inline PatchSums whole_patch(const BSplineSurface& s) {
         const double q = j < 4 ? -x[static_cast<std::size_t>(3 - j)] : x[static_cast<std::size_t>(j - 4)];
         Row r{0.5 * (a + b) + 0.5 * (b - a) * q, 0.5 * (b - a) * w[static_cast<std::size_t>(j < 4 ? 3 - j : j - 4)], {}, 1e-5 * (b - a)};
         for (int m = 0; m < 3; ++m)
-          for (int i = 0; i < count; ++i) r.n[static_cast<std::size_t>(m)].push_back(basis_by_definition(knots, i, degree, r.t + (m - 1) * r.h));
+          for (int i = 0; i < count; ++i)
+            r.n[static_cast<std::size_t>(m)].push_back(basis_by_definition(knots, i, degree, r.t + (m - 1) * r.h));
         all.push_back(std::move(r));
       }
     }
@@ -67,7 +68,8 @@ inline PatchSums whole_patch(const BSplineSurface& s) {
   PatchSums out;
   for (const Row& u : us)
     for (const Row& v : vs) {
-      const Vec3 du = (point(u.n[2], v.n[1]) - point(u.n[0], v.n[1])) / (2 * u.h), dv = (point(u.n[1], v.n[2]) - point(u.n[1], v.n[0])) / (2 * v.h);
+      const Vec3 du = (point(u.n[2], v.n[1]) - point(u.n[0], v.n[1])) / (2 * u.h),
+                 dv = (point(u.n[1], v.n[2]) - point(u.n[1], v.n[0])) / (2 * v.h);
       const Vec3 n = du.cross(dv);
       out.area_mm2 += u.weight * v.weight * n.norm();
       out.flux_mm3 += u.weight * v.weight * point(u.n[1], v.n[1]).cwiseProduct(n);
@@ -83,7 +85,8 @@ struct TriangleSums {
 inline TriangleSums triangle_sums(const Mesh& m) {
   TriangleSums out;
   for (const auto& t : m.triangles) {
-    const Vec3 &a = m.vertices[static_cast<std::size_t>(t[0])], &b = m.vertices[static_cast<std::size_t>(t[1])], &c = m.vertices[static_cast<std::size_t>(t[2])];
+    const Vec3 &a = m.vertices[static_cast<std::size_t>(t[0])], &b = m.vertices[static_cast<std::size_t>(t[1])],
+               &c = m.vertices[static_cast<std::size_t>(t[2])];
     const Vec3 n = 0.5 * (b - a).cross(c - a);
     out.area_mm2 += n.norm();
     out.volume_mm3 += n.cwiseProduct((a + b + c) / 3);

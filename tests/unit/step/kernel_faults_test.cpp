@@ -123,7 +123,7 @@ TEST_F(KernelFaults, TubesOfZoo) {
   }
   const auto k = kernel("zoo_exhaust_manifold.step");
   const double analytic = k["faces_by_surface"]["Cylinder"]["area"].get<double>() + k["faces_by_surface"]["Plane"]["area"].get<double>();
-  EXPECT_NEAR(b.area_mm2, area + analytic, 1e-4 * area);  // 577 066 by whole patches
+  EXPECT_NEAR(b.area_mm2, area + analytic, 1e-4 * area);                                            // 577 066 by whole patches
   EXPECT_LT(k["faces_by_surface"]["BSplineSurfaceRational"]["area"].get<double>(), 0.9985 * area);  // 553 603 against 554 730
   ASSERT_EQ(volume.size(), 4u);
   double tubes = 0, kernel_tubes = 0;
@@ -132,14 +132,15 @@ TEST_F(KernelFaults, TubesOfZoo) {
   const double flange = k["volume"].get<double>() - kernel_tubes;
   EXPECT_NEAR(b.volume_mm3, tubes + flange, 1e-3 * b.volume_mm3);
   EXPECT_LT(k["volume"].get<double>(), 0.997 * (tubes + flange));
-  std::printf("tubes: whole patches %.1f mm2 %.1f mm3; reader %.1f mm3 with the flange; kernel %.1f mm3\n", area, tubes, b.volume_mm3, k["volume"].get<double>());
+  std::printf("tubes: whole patches %.1f mm2 %.1f mm3; reader %.1f mm3 with the flange; kernel %.1f mm3\n", area, tubes, b.volume_mm3,
+              k["volume"].get<double>());
 }
 
 // Rational half-round grooves; no closed form at hand, so the triangles alone have to lead to the reader's number.
 TEST_F(KernelFaults, GroovesOfNist) {
   const double limit = limit_of_meshes("nist_mbe_pmi_11.stp", 0.005);
   const Brep b = part("nist_mbe_pmi_11.stp");
-  EXPECT_NEAR(b.volume_mm3, limit, 1e-4 * limit);  // 5129.38
+  EXPECT_NEAR(b.volume_mm3, limit, 1e-4 * limit);                                    // 5129.38
   EXPECT_GT(kernel("nist_mbe_pmi_11.stp")["volume"].get<double>(), 1.0015 * limit);  // 5138.63; its own mesh 5126.0
   int whole = 0;  // the tori are r 1.5 at R 30 and R 17.5: whole patches by Gauss against 4 pi^2 R r
   for (const BrepFace& f : b.faces)
@@ -151,7 +152,7 @@ TEST_F(KernelFaults, GroovesOfNist) {
 TEST_F(KernelFaults, ShellOfOnshape) {
   const double limit = limit_of_meshes("onshape_proximal_shell.step", 0.004);
   const Brep b = part("onshape_proximal_shell.step");
-  EXPECT_NEAR(b.volume_mm3, limit, 3e-4 * limit);  // 3533.1
+  EXPECT_NEAR(b.volume_mm3, limit, 3e-4 * limit);                                           // 3533.1
   EXPECT_LT(kernel("onshape_proximal_shell.step")["volume"].get<double>(), 0.993 * limit);  // 3506.99; its own mesh 3536.0
 }
 
@@ -160,13 +161,15 @@ TEST_F(KernelFaults, ShellOfOnshape) {
 TEST_F(KernelFaults, FilletsOfRhino) {
   const Brep b = part("rhino8_boxed_sphere.step");
   const double limit = limit_of_meshes("rhino8_boxed_sphere.step", 0.02);
-  EXPECT_NEAR(b.volume_mm3, limit, 5e-4 * limit);  // 733.6
+  EXPECT_NEAR(b.volume_mm3, limit, 5e-4 * limit);                                         // 733.6
   EXPECT_LT(kernel("rhino8_boxed_sphere.step")["volume"].get<double>(), 0.9985 * limit);  // 732.01; its own mesh 733.51
   const auto normal_at = [](const BrepFace& f, const Vec3& p) {
     const SurfaceFoot foot = project(f.surface, p);
     const SurfaceDomain d = domain(f.surface);
     const double hu = 1e-5 * (d.u1 - d.u0 < 1e200 ? d.u1 - d.u0 : 1), hv = 1e-5 * (d.v1 - d.v0 < 1e200 ? d.v1 - d.v0 : 1);
-    const auto inside = [](double t, double h, bool bounded, double low, double high) { return bounded ? std::clamp(t, low + 2 * h, high - 2 * h) : t; };
+    const auto inside = [](double t, double h, bool bounded, double low, double high) {
+      return bounded ? std::clamp(t, low + 2 * h, high - 2 * h) : t;
+    };
     const double u = inside(foot.u, 10 * hu, d.is_bounded_u, d.u0, d.u1), v = inside(foot.v, 10 * hv, d.is_bounded_v, d.v0, d.v1);
     const auto at = [&](double a, double c) { return evaluate_jet(f.surface, a, c, 1).p; };
     const Vec3 n = (at(u + hu, v) - at(u - hu, v)).cross(at(u, v + hv) - at(u, v - hv));
@@ -177,7 +180,8 @@ TEST_F(KernelFaults, FilletsOfRhino) {
     if (e.face_1 < 0 || e.face_2 < 0) continue;
     length += e.length_mm;
     for (std::size_t i = 1; i + 1 < e.p.size(); ++i) {
-      const Vec3 n_1 = normal_at(b.faces[static_cast<std::size_t>(e.face_1)], e.p[i]), n_2 = normal_at(b.faces[static_cast<std::size_t>(e.face_2)], e.p[i]);
+      const Vec3 n_1 = normal_at(b.faces[static_cast<std::size_t>(e.face_1)], e.p[i]),
+                 n_2 = normal_at(b.faces[static_cast<std::size_t>(e.face_2)], e.p[i]);
       worst = std::max(worst, std::atan2(n_1.cross(n_2).norm(), n_1.dot(n_2)));
     }
   }

@@ -21,7 +21,7 @@ struct ChordCheck {
   double worst_gap_mm = 0;    // how far the file's own edges lie off their surfaces: no mesh can be nearer
   double worst_turn_rad = 0;  // normals of one face at the two ends of a mesh side
   std::size_t samples = 0, over = 0, turns_over = 0, turns = 0;  // over the limits given
-  std::string face, turn_face;  // of the worst
+  std::string face, turn_face;                                   // of the worst
 };
 
 /// Distance of samples inside the triangles and on their sides from the exact surface of their face: barycentric grid of `n`
@@ -37,7 +37,8 @@ inline ChordCheck check_chords(const Brep& b, int n, double limit_mm, double lim
   for (std::size_t f = 0; f < b.faces.size(); ++f) {
     data[f].domain = domain(b.faces[f].surface);
     for (int e : b.faces[f].edges)
-      for (const Vec3& p : b.edges[static_cast<std::size_t>(e)].p) data[f].gap = std::max(data[f].gap, (project(b.faces[f].surface, data[f].domain, p).p - p).norm());
+      for (const Vec3& p : b.edges[static_cast<std::size_t>(e)].p)
+        data[f].gap = std::max(data[f].gap, (project(b.faces[f].surface, data[f].domain, p).p - p).norm());
     out.worst_gap_mm = std::max(out.worst_gap_mm, data[f].gap);
   }
   std::map<std::pair<int, int>, std::vector<int>> sides;  // mesh side -> faces
@@ -53,7 +54,8 @@ inline ChordCheck check_chords(const Brep& b, int n, double limit_mm, double lim
       if (is_new) it->second = project(f.surface, d.domain, b.mesh.vertices[static_cast<std::size_t>(v)]);
       return it->second;
     };
-    const Vec3 p[3] = {b.mesh.vertices[static_cast<std::size_t>(tri[0])], b.mesh.vertices[static_cast<std::size_t>(tri[1])], b.mesh.vertices[static_cast<std::size_t>(tri[2])]};
+    const Vec3 p[3] = {b.mesh.vertices[static_cast<std::size_t>(tri[0])], b.mesh.vertices[static_cast<std::size_t>(tri[1])],
+                       b.mesh.vertices[static_cast<std::size_t>(tri[2])]};
     const SurfaceFoot foot[3] = {foot_of(tri[0]), foot_of(tri[1]), foot_of(tri[2])};
     if (std::holds_alternative<PlaneSurface>(f.surface.shape)) {
       for (int k = 0; k < 3; ++k) out.worst_mm = std::max(out.worst_mm, std::abs(foot[k].signed_distance_mm));
@@ -116,7 +118,8 @@ struct Closedness {
 inline std::map<int, Closedness> closedness(const Brep& b) {
   std::vector<int> body;
   std::map<int, std::vector<std::array<int, 3>>> triangles;
-  for (std::size_t t = 0; t < b.mesh.triangles.size(); ++t) triangles[b.faces[static_cast<std::size_t>(b.triangle_face[t])].body].push_back(b.mesh.triangles[t]);
+  for (std::size_t t = 0; t < b.mesh.triangles.size(); ++t)
+    triangles[b.faces[static_cast<std::size_t>(b.triangle_face[t])].body].push_back(b.mesh.triangles[t]);
   std::map<int, Closedness> out;
   for (const auto& [key, list] : triangles) {
     std::vector<std::pair<std::uint64_t, int>> sides;
@@ -160,7 +163,8 @@ inline int euler_by_topology(const step::Body& body) {
     const auto* torus = f.surface >= 0 ? std::get_if<TorusSurface>(&body.surfaces[static_cast<std::size_t>(f.surface)].shape) : nullptr;
     sum += (is_whole && torus && torus->major_mm >= torus->minor_mm ? 0 : 2) - loops;
   }
-  for (int e : edges) vertices.insert(body.edges[static_cast<std::size_t>(e)].v0), vertices.insert(body.edges[static_cast<std::size_t>(e)].v1);
+  for (int e : edges)
+    vertices.insert(body.edges[static_cast<std::size_t>(e)].v0), vertices.insert(body.edges[static_cast<std::size_t>(e)].v1);
   return static_cast<int>(vertices.size()) - static_cast<int>(edges.size()) + sum;
 }
 

@@ -161,7 +161,8 @@ TEST(StepRefusal, MutationsNeverCrash) {
   const int v = s.vertex({4, 0, 3}), e = s.edge(v, v, s.circle({0, 0, 3}, Vec3::UnitZ(), Vec3::UnitX(), 4));
   const std::string at = s.ref(s.axes({0, 0, 0}, Vec3::UnitZ(), Vec3::UnitX()));
   const int ball = s.face({s.bound({e})}, s.add("SPHERICAL_SURFACE(''," + at + ",5.)"));
-  const int cone = s.face({s.bound({-e}), s.vertex_bound(s.vertex({0, 0, 0}))}, s.add("CONICAL_SURFACE(''," + at + ",0.,0.9272952180016122)"));
+  const int cone =
+      s.face({s.bound({-e}), s.vertex_bound(s.vertex({0, 0, 0}))}, s.add("CONICAL_SURFACE(''," + at + ",0.,0.9272952180016122)"));
   const int ring = s.face({s.vertex_bound(v)}, s.add("TOROIDAL_SURFACE(''," + at + ",10.,3.)"));
   s.part({test::add_box(s, {0, 0, 0}, {30, 20, 10}), test::add_seamless_cylinder(s, 3, 50), s.solid({ball, cone}), s.solid({ring})});
   const std::string text = s.text();
@@ -170,7 +171,8 @@ TEST(StepRefusal, MutationsNeverCrash) {
     ASSERT_TRUE(whole);
     EXPECT_EQ(whole->artefact.open_edges_count, 0);
     EXPECT_TRUE(whole->artefact.unread.empty());
-    EXPECT_NEAR(whole->artefact.volume_mm3, 6000 + kPi * 9 * 50 + (kPi * 4 * (15 - 2) / 3 + kPi * 16 * 3 / 3) + 2 * kPi * kPi * 10 * 9, 1.5);
+    EXPECT_NEAR(whole->artefact.volume_mm3, 6000 + kPi * 9 * 50 + (kPi * 4 * (15 - 2) / 3 + kPi * 16 * 3 / 3) + 2 * kPi * kPi * 10 * 9,
+                1.5);
   }
   Random random(11);
   const auto t0 = std::chrono::steady_clock::now();
@@ -181,10 +183,18 @@ TEST(StepRefusal, MutationsNeverCrash) {
     for (int c = 0; c < 1 + k % 4; ++c) {
       const std::size_t at = random.below(m.size());
       switch (random.below(5)) {
-        case 0: m[at] = static_cast<char>(random.below(256)); break;
-        case 1: m.erase(at, 1 + random.below(20)); break;
-        case 2: m.insert(at, m.substr(random.below(m.size()), random.below(40))); break;
-        case 3: m[at] = "0123456789.#,()'$*"[random.below(18)]; break;
+        case 0:
+          m[at] = static_cast<char>(random.below(256));
+          break;
+        case 1:
+          m.erase(at, 1 + random.below(20));
+          break;
+        case 2:
+          m.insert(at, m.substr(random.below(m.size()), random.below(40)));
+          break;
+        case 3:
+          m[at] = "0123456789.#,()'$*"[random.below(18)];
+          break;
         default: {  // another reference
           const std::size_t h = m.find('#', at);
           if (h != std::string::npos) m.replace(h, 2, "#" + std::to_string(random.below(300)));
@@ -201,7 +211,9 @@ TEST(StepRefusal, MutationsNeverCrash) {
 
 TEST(P21, NumbersAreExact) {
   p21::File f;
-  const std::string text = "ISO-10303-21;HEADER;ENDSEC;DATA;#7=X(1.,-0.5,1.E-07,+3.25E2,0.1,123456789.123456789,1E3,42,.5,2.2250738585072014E-308);ENDSEC;END-ISO-10303-21;";
+  const std::string text =
+      "ISO-10303-21;HEADER;ENDSEC;DATA;#7=X(1.,-0.5,1.E-07,+3.25E2,0.1,123456789.123456789,1E3,42,.5,2.2250738585072014E-308);ENDSEC;END-"
+      "ISO-10303-21;";
   ASSERT_FALSE(p21::parse(text, f));
   const double want[] = {1., -0.5, 1e-7, 325, 0.1, 123456789.123456789, 1e3, 0, 0.5, 2.2250738585072014e-308};
   const p21::Value* v = f.values.data() + f.records[0].first;
@@ -222,13 +234,14 @@ TEST(P21, StringsAreDecoded) {
   EXPECT_EQ(p21::decoded("\\X4\\0001F600\\X0\\"), "\xF0\x9F\x98\x80");
   EXPECT_EQ(p21::decoded("\\S\\i"), "\xC3\xA9");
   EXPECT_EQ(p21::decoded("Materials\\Material"), "Materials\\Material");
-  EXPECT_EQ(p21::decoded("caf\xE9"), "caf\xC3\xA9");       // Latin-1
-  EXPECT_EQ(p21::decoded("caf\xC3\xA9"), "caf\xC3\xA9");   // UTF-8
+  EXPECT_EQ(p21::decoded("caf\xE9"), "caf\xC3\xA9");      // Latin-1
+  EXPECT_EQ(p21::decoded("caf\xC3\xA9"), "caf\xC3\xA9");  // UTF-8
 }
 
 TEST(P21, ComplexInstancesInAnyOrder) {
   p21::File f;
-  ASSERT_FALSE(p21::parse("ISO-10303-21;HEADER;ENDSEC;DATA;#3=(SI_UNIT(.MILLI.,.METRE.)NAMED_UNIT(*)LENGTH_UNIT());ENDSEC;END-ISO-10303-21;", f));
+  ASSERT_FALSE(
+      p21::parse("ISO-10303-21;HEADER;ENDSEC;DATA;#3=(SI_UNIT(.MILLI.,.METRE.)NAMED_UNIT(*)LENGTH_UNIT());ENDSEC;END-ISO-10303-21;", f));
   ASSERT_EQ(f.instances.size(), 1u);
   EXPECT_EQ(f.instances[0].record_count, 3u);
   EXPECT_EQ(f.keyword_name(f.records[0].keyword), "SI_UNIT");

@@ -66,7 +66,8 @@ class StepText {
   std::string angle_unit = "(NAMED_UNIT(*)PLANE_ANGLE_UNIT()SI_UNIT($,.RADIAN.))";
   int context() {
     const int u = add(length_unit), a = add(angle_unit);
-    return add("(GEOMETRIC_REPRESENTATION_CONTEXT(3)GLOBAL_UNIT_ASSIGNED_CONTEXT((" + ref(u) + "," + ref(a) + "))REPRESENTATION_CONTEXT('',''))");
+    return add("(GEOMETRIC_REPRESENTATION_CONTEXT(3)GLOBAL_UNIT_ASSIGNED_CONTEXT((" + ref(u) + "," + ref(a) +
+               "))REPRESENTATION_CONTEXT('',''))");
   }
   /// Inch as files give it: a conversion based unit over millimetre.
   void use_inch() {
@@ -98,7 +99,9 @@ class StepText {
 
   std::vector<std::string>& lines() { return lines_; }
   std::string text() const {
-    std::string s = "ISO-10303-21;\nHEADER;\nFILE_DESCRIPTION((''),'2;1');\nFILE_NAME('','',(''),(''),'','','');\nFILE_SCHEMA(('AUTOMOTIVE_DESIGN'));\nENDSEC;\nDATA;\n";
+    std::string s =
+        "ISO-10303-21;\nHEADER;\nFILE_DESCRIPTION((''),'2;1');\nFILE_NAME('','',(''),(''),'','','');\nFILE_SCHEMA(('AUTOMOTIVE_DESIGN'));"
+        "\nENDSEC;\nDATA;\n";
     for (const std::string& l : lines_) s += l + "\n";
     return s + "ENDSEC;\nEND-ISO-10303-21;\n";
   }
@@ -135,8 +138,10 @@ inline int add_box(StepText& s, const Vec3& p, const Vec3& q, bool inside_out = 
 /// Cylinder along z without a seam: the side has two bounds of one closed edge each.
 inline int add_seamless_cylinder(StepText& s, double r, double h) {
   const int v0 = s.vertex({r, 0, 0}), v1 = s.vertex({r, 0, h});
-  const int e0 = s.edge(v0, v0, s.circle({0, 0, 0}, Vec3::UnitZ(), Vec3::UnitX(), r)), e1 = s.edge(v1, v1, s.circle({0, 0, h}, Vec3::UnitZ(), Vec3::UnitX(), r));
-  const int side = s.add("CYLINDRICAL_SURFACE(''," + StepText::ref(s.axes({0, 0, 0}, Vec3::UnitZ(), Vec3::UnitX())) + "," + StepText::real(r) + ")");
+  const int e0 = s.edge(v0, v0, s.circle({0, 0, 0}, Vec3::UnitZ(), Vec3::UnitX(), r)),
+            e1 = s.edge(v1, v1, s.circle({0, 0, h}, Vec3::UnitZ(), Vec3::UnitX(), r));
+  const int side =
+      s.add("CYLINDRICAL_SURFACE(''," + StepText::ref(s.axes({0, 0, 0}, Vec3::UnitZ(), Vec3::UnitX())) + "," + StepText::real(r) + ")");
   const int low = s.add("PLANE(''," + StepText::ref(s.axes({0, 0, 0}, -Vec3::UnitZ(), Vec3::UnitX())) + ")");
   const int high = s.add("PLANE(''," + StepText::ref(s.axes({0, 0, h}, Vec3::UnitZ(), Vec3::UnitX())) + ")");
   return s.solid({s.face({s.bound({e0}), s.bound({-e1})}, side), s.face({s.bound({-e0})}, low), s.face({s.bound({e1})}, high)});

@@ -33,7 +33,9 @@ std::map<std::string, int> kinds(const Brep& b) {
 double mesh_volume(const Mesh& m) {
   double v = 0;
   for (const auto& t : m.triangles)
-    v += m.vertices[static_cast<std::size_t>(t[0])].dot(m.vertices[static_cast<std::size_t>(t[1])].cross(m.vertices[static_cast<std::size_t>(t[2])])) / 6;
+    v += m.vertices[static_cast<std::size_t>(t[0])].dot(
+             m.vertices[static_cast<std::size_t>(t[1])].cross(m.vertices[static_cast<std::size_t>(t[2])])) /
+         6;
   return v;
 }
 
@@ -88,7 +90,8 @@ TEST(Synthetic, CylinderWithSeamReadsTheSame) {
   StepText s;
   const double r = 8, h = 25;
   const int v0 = s.vertex({r, 0, 0}), v1 = s.vertex({r, 0, h});
-  const int e0 = s.edge(v0, v0, s.circle({0, 0, 0}, Vec3::UnitZ(), Vec3::UnitX(), r)), e1 = s.edge(v1, v1, s.circle({0, 0, h}, Vec3::UnitZ(), Vec3::UnitX(), r));
+  const int e0 = s.edge(v0, v0, s.circle({0, 0, 0}, Vec3::UnitZ(), Vec3::UnitX(), r)),
+            e1 = s.edge(v1, v1, s.circle({0, 0, h}, Vec3::UnitZ(), Vec3::UnitX(), r));
   const int seam = s.edge(v0, v1, s.line({r, 0, 0}, {r, 0, h}));
   const int side = s.add("CYLINDRICAL_SURFACE(''," + s.ref(s.axes({0, 0, 0}, Vec3::UnitZ(), Vec3::UnitX())) + ",8.)");
   const int low = s.add("PLANE(''," + s.ref(s.axes({0, 0, 0}, -Vec3::UnitZ(), Vec3::UnitX())) + ")");
@@ -141,7 +144,7 @@ TEST(Synthetic, SphereCutByACrossedTrough) {
   const Vec3 top[4] = {{d, d, z}, {-d, d, z}, {-d, -d, z}, {d, -d, z}};
   int v[4];
   for (int k = 0; k < 4; ++k) v[k] = s.vertex(top[k]);
-  const int e0 = s.edge(v[0], v[1], s.circle({0, d, 0}, Vec3::UnitY(), Vec3::UnitX(), r)); 
+  const int e0 = s.edge(v[0], v[1], s.circle({0, d, 0}, Vec3::UnitY(), Vec3::UnitX(), r));
   const int e1 = s.edge(v[1], v[2], s.circle({-d, 0, 0}, Vec3::UnitX(), Vec3::UnitY(), r));
   const int e2 = s.edge(v[2], v[3], s.circle({0, -d, 0}, -Vec3::UnitY(), Vec3::UnitX(), r));
   const int e3 = s.edge(v[3], v[0], s.circle({d, 0, 0}, -Vec3::UnitX(), Vec3::UnitY(), r));
@@ -209,9 +212,11 @@ TEST(Synthetic, HalfTorusBetweenTwoRings) {
   StepText s;
   const double R = 10, r = 3;
   const int va = s.vertex({R, 0, r}), vb = s.vertex({R, 0, -r});
-  const int ea = s.edge(va, va, s.circle({0, 0, r}, Vec3::UnitZ(), Vec3::UnitX(), R)), eb = s.edge(vb, vb, s.circle({0, 0, -r}, Vec3::UnitZ(), Vec3::UnitX(), R));
+  const int ea = s.edge(va, va, s.circle({0, 0, r}, Vec3::UnitZ(), Vec3::UnitX(), R)),
+            eb = s.edge(vb, vb, s.circle({0, 0, -r}, Vec3::UnitZ(), Vec3::UnitX(), R));
   const int torus = s.add("TOROIDAL_SURFACE(''," + s.ref(s.axes({0, 0, 0}, Vec3::UnitZ(), Vec3::UnitX())) + ",10.,3.)");
-  const int top = s.add("PLANE(''," + s.ref(s.axes({0, 0, r}, Vec3::UnitZ(), Vec3::UnitX())) + ")"), low = s.add("PLANE(''," + s.ref(s.axes({0, 0, -r}, -Vec3::UnitZ(), Vec3::UnitX())) + ")");
+  const int top = s.add("PLANE(''," + s.ref(s.axes({0, 0, r}, Vec3::UnitZ(), Vec3::UnitX())) + ")"),
+            low = s.add("PLANE(''," + s.ref(s.axes({0, 0, -r}, -Vec3::UnitZ(), Vec3::UnitX())) + ")");
   s.part({s.solid({s.face({s.bound({eb}), s.bound({-ea})}, torus), s.face({s.bound({ea})}, top), s.face({s.bound({-eb})}, low)})});
   const Brep b = read(s).artefact;
   expect_sound(b);
@@ -294,7 +299,8 @@ TEST(Synthetic, MirroredInstanceKeepsOutwardNormalsAndConvexity) {
   const int rep = s.representation({test::add_seamless_cylinder(s, 4, 9)}, context);
   const int map = s.add("REPRESENTATION_MAP(" + s.ref(origin) + "," + s.ref(rep) + ")");
   const int x = s.direction(Vec3::UnitX()), y = s.direction(-Vec3::UnitY()), z = s.direction(Vec3::UnitZ()), p = s.point({20, 0, 0});
-  const int mirror = s.add("CARTESIAN_TRANSFORMATION_OPERATOR_3D('','',''," + s.ref(x) + "," + s.ref(y) + "," + s.ref(p) + ",1.," + s.ref(z) + ")");
+  const int mirror =
+      s.add("CARTESIAN_TRANSFORMATION_OPERATOR_3D('','',''," + s.ref(x) + "," + s.ref(y) + "," + s.ref(p) + ",1.," + s.ref(z) + ")");
   const int item = s.add("MAPPED_ITEM(''," + s.ref(map) + "," + s.ref(mirror) + ")");
   s.define(s.product("mirrored"), s.representation({item}, context, "SHAPE_REPRESENTATION"));
   const Brep b = read(s).artefact;
@@ -346,7 +352,8 @@ TEST(Synthetic, ChordToleranceIsHeld) {
       const Surface& surface = b.faces[static_cast<std::size_t>(b.triangle_face[t])].surface;
       for (double u : {0.0, 0.25, 0.5})
         for (double v : {0.0, 0.25, 0.5}) {
-          const Vec3 p = b.mesh.vertices[static_cast<std::size_t>(f[0])] * (1 - u - v) + b.mesh.vertices[static_cast<std::size_t>(f[1])] * u + b.mesh.vertices[static_cast<std::size_t>(f[2])] * v;
+          const Vec3 p = b.mesh.vertices[static_cast<std::size_t>(f[0])] * (1 - u - v) +
+                         b.mesh.vertices[static_cast<std::size_t>(f[1])] * u + b.mesh.vertices[static_cast<std::size_t>(f[2])] * v;
           worst = std::max(worst, std::abs(project(surface, p).signed_distance_mm));
         }
     }
@@ -367,10 +374,11 @@ TEST(Synthetic, TolerancesDimensionsAndDatumsAreShown) {
   const int compartment = s.add("DATUM_REFERENCE_COMPARTMENT('',$," + s.ref(shape) + ",.F.," + s.ref(datum) + ",$)");
   const int system = s.add("DATUM_SYSTEM('',$," + s.ref(shape) + ",.F.,(" + s.ref(compartment) + "))");
   s.add("FLATNESS_TOLERANCE('',''," + s.ref(measure("0.05")) + "," + s.ref(aspect) + ")");
-  s.add("(GEOMETRIC_TOLERANCE('',''," + s.ref(measure("0.2")) + "," + s.ref(aspect) + ")GEOMETRIC_TOLERANCE_WITH_DATUM_REFERENCE((" + s.ref(system) +
-        "))GEOMETRIC_TOLERANCE_WITH_MODIFIERS((.MAXIMUM_MATERIAL_REQUIREMENT.))POSITION_TOLERANCE())");
+  s.add("(GEOMETRIC_TOLERANCE('',''," + s.ref(measure("0.2")) + "," + s.ref(aspect) + ")GEOMETRIC_TOLERANCE_WITH_DATUM_REFERENCE((" +
+        s.ref(system) + "))GEOMETRIC_TOLERANCE_WITH_MODIFIERS((.MAXIMUM_MATERIAL_REQUIREMENT.))POSITION_TOLERANCE())");
   const int size = s.add("DIMENSIONAL_SIZE(" + s.ref(aspect) + ",'diameter')");
-  const int value = s.add("(LENGTH_MEASURE_WITH_UNIT()MEASURE_REPRESENTATION_ITEM()MEASURE_WITH_UNIT(POSITIVE_LENGTH_MEASURE(12.)," + s.ref(mm) + ")REPRESENTATION_ITEM('nominal value'))");
+  const int value = s.add("(LENGTH_MEASURE_WITH_UNIT()MEASURE_REPRESENTATION_ITEM()MEASURE_WITH_UNIT(POSITIVE_LENGTH_MEASURE(12.)," +
+                          s.ref(mm) + ")REPRESENTATION_ITEM('nominal value'))");
   const int rep = s.add("SHAPE_DIMENSION_REPRESENTATION('',(" + s.ref(value) + "),$)");
   s.add("DIMENSIONAL_CHARACTERISTIC_REPRESENTATION(" + s.ref(size) + "," + s.ref(rep) + ")");
   const int range = s.add("TOLERANCE_VALUE(" + s.ref(measure("-0.02")) + "," + s.ref(measure("0.05")) + ")");

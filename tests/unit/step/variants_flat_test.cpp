@@ -47,8 +47,10 @@ void add_prism(StepText& s, const std::vector<std::vector<Side>>& profiles, doub
     for (std::size_t k = 0; k < n; ++k) {
       const Side& q = sides[k];
       const Vec2 d = sides[(k + 1) % n].from - q.from;
-      const int wall = q.wall ? q.wall(s) : s.add("PLANE(''," + s.ref(s.axes(at(q.from, 0), Vec3(d.y(), -d.x(), 0).normalized(), kZ)) + ")");
-      const std::vector<int> loop = n == 1 ? std::vector<int>{low[0], up[0], -high[0], -up[0]} : std::vector<int>{low[k], up[(k + 1) % n], -high[k], -up[k]};
+      const int wall =
+          q.wall ? q.wall(s) : s.add("PLANE(''," + s.ref(s.axes(at(q.from, 0), Vec3(d.y(), -d.x(), 0).normalized(), kZ)) + ")");
+      const std::vector<int> loop =
+          n == 1 ? std::vector<int>{low[0], up[0], -high[0], -up[0]} : std::vector<int>{low[k], up[(k + 1) % n], -high[k], -up[k]};
       faces.push_back(s.face({s.bound(loop, true, true)}, wall, q.same_sense));
     }
     std::vector<int> back;
@@ -58,11 +60,15 @@ void add_prism(StepText& s, const std::vector<std::vector<Side>>& profiles, doub
   faces.push_back(s.face(bottom, s.add("PLANE(''," + s.ref(s.axes({0, 0, 0}, -kZ, kX)) + ")")));
   faces.push_back(s.face(top, s.add("PLANE(''," + s.ref(s.axes({0, 0, h}, kZ, kX)) + ")")));
   const int solid = s.solid(faces);
-  if (solid_out) *solid_out = solid;
-  else s.part({solid});
+  if (solid_out)
+    *solid_out = solid;
+  else
+    s.part({solid});
 }
 
-int extruded(StepText& s, int curve) { return s.add("SURFACE_OF_LINEAR_EXTRUSION(''," + s.ref(curve) + "," + s.ref(s.add("VECTOR(''," + s.ref(s.direction(kZ)) + ",1.)")) + ")"); }
+int extruded(StepText& s, int curve) {
+  return s.add("SURFACE_OF_LINEAR_EXTRUSION(''," + s.ref(curve) + "," + s.ref(s.add("VECTOR(''," + s.ref(s.direction(kZ)) + ",1.)")) + ")");
+}
 
 Truth faceted_box(StepText& s, const std::string& entity) {
   Vec3 c[8];
@@ -74,7 +80,8 @@ Truth faceted_box(StepText& s, const std::string& entity) {
     const Vec3 n = (c[f[1]] - c[f[0]]).cross(c[f[2]] - c[f[1]]).normalized();
     const int loop = s.add("POLY_LOOP(''," + s.list({p[f[0]], p[f[1]], p[f[2]], p[f[3]]}) + ")");
     const int bound = s.add("FACE_OUTER_BOUND(''," + s.ref(loop) + ",.T.)");
-    faces.push_back(s.add("FACE_SURFACE(''," + s.list({bound}) + "," + s.ref(s.add("PLANE(''," + s.ref(s.axes(c[f[0]], n, (c[f[1]] - c[f[0]]).normalized())) + ")")) + ",.T.)"));
+    faces.push_back(s.add("FACE_SURFACE(''," + s.list({bound}) + "," +
+                          s.ref(s.add("PLANE(''," + s.ref(s.axes(c[f[0]], n, (c[f[1]] - c[f[0]]).normalized())) + ")")) + ",.T.)"));
   }
   const int shell = s.add("CLOSED_SHELL(''," + s.list(faces) + ")"), body = s.add(entity + "(''," + s.ref(shell) + ")");
   s.define(s.product("f"), s.representation({body}, s.context(), "FACETED_BREP_SHAPE_REPRESENTATION"));
@@ -84,27 +91,56 @@ Truth faceted_box(StepText& s, const std::string& entity) {
 /// Box whose long front edge and front wall are a spline, a polyline or made of pieces.
 Truth box_with_front(StepText& s, const std::string& how) {
   Side front{{0, 0}, {}, {}, true};
-  const auto bilinear = [](StepText& q) { return test::spline_surface(q, 1, 1, {{{0, 0, 0}, {0, 0, 10}}, {{30, 0, 0}, {30, 0, 10}}}, {}, {2, 2}, {2, 2}, {0, 1}, {0, 1}); };
+  const auto bilinear = [](StepText& q) {
+    return test::spline_surface(q, 1, 1, {{{0, 0, 0}, {0, 0, 10}}, {{30, 0, 0}, {30, 0, 10}}}, {}, {2, 2}, {2, 2}, {0, 1}, {0, 1});
+  };
   if (how == "bilinear wall") front.wall = bilinear;
-  if (how == "cubic edge") front.curve = [](StepText& q, double z) { return test::spline_curve(q, 3, {{0, 0, z}, {3, 0, z}, {11, 0, z}, {30, 0, z}}, {4, 4}, {-5, 7}); };
-  if (how == "unclamped edge") front.curve = [](StepText& q, double z) { return test::spline_curve(q, 2, {{-10, 0, z}, {10, 0, z}, {20, 0, z}, {50, 0, z}}, {1, 1, 1, 1, 1, 1, 1}, {0, 1, 2, 3, 4, 5, 6}); };
-  if (how == "polyline edge") front.curve = [](StepText& q, double z) { return q.add("POLYLINE(''," + q.list(test::points(q, {{0, 0, z}, {7, 0, z}, {30, 0, z}})) + ")"); };
-  if (how == "quasi uniform edge") front.curve = [](StepText& q, double z) { return q.add("QUASI_UNIFORM_CURVE('',2," + q.list(test::points(q, {{0, 0, z}, {4, 0, z}, {9, 0, z}, {30, 0, z}})) + ",.UNSPECIFIED.,.F.,.F.)"); };
-  if (how == "bezier edge") front.curve = [](StepText& q, double z) { return q.add("BEZIER_CURVE('',3," + q.list(test::points(q, {{0, 0, z}, {4, 0, z}, {9, 0, z}, {30, 0, z}})) + ",.UNSPECIFIED.,.F.,.F.)"); };
-  if (how == "offset edge") front.curve = [](StepText& q, double z) { return q.add("OFFSET_CURVE_3D(''," + q.ref(q.line({0, -4, z}, {30, -4, z})) + ",4.,.F.," + q.ref(q.direction(kZ)) + ")"); };
-  if (how == "offset spline edge") front.curve = [](StepText& q, double z) {
-    return q.add("OFFSET_CURVE_3D(''," + q.ref(test::spline_curve(q, 3, {{0, 5, z}, {8, 5, z}, {22, 5, z}, {30, 5, z}}, {4, 4}, {0, 1})) + ",-5.,.F.," + q.ref(q.direction(kZ)) + ")");
-  };
-  if (how == "composite edge") front.curve = [](StepText& q, double z) {
-    const auto piece = [&](double a, double b) {
-      const int t = q.add("TRIMMED_CURVE(''," + q.ref(q.line({a, 0, z}, {b, 0, z})) + ",(" + q.ref(q.point({a, 0, z})) + ",PARAMETER_VALUE(0.)),(" + q.ref(q.point({b, 0, z})) + ",PARAMETER_VALUE(" + q.real(b - a) + ")),.T.,.CARTESIAN.)");
-      return q.add("COMPOSITE_CURVE_SEGMENT(.CONTINUOUS.,.T.," + q.ref(t) + ")");
+  if (how == "cubic edge")
+    front.curve = [](StepText& q, double z) {
+      return test::spline_curve(q, 3, {{0, 0, z}, {3, 0, z}, {11, 0, z}, {30, 0, z}}, {4, 4}, {-5, 7});
     };
-    return q.add("COMPOSITE_CURVE(''," + q.list({piece(0, 12), piece(12, 30)}) + ",.U.)");
-  };
-  if (how == "long vector") front.curve = [](StepText& q, double z) {
-    return q.add("LINE(''," + q.ref(q.point({-4, 0, z})) + "," + q.ref(q.add("VECTOR(''," + q.ref(q.direction({250, 0, 0})) + ",1000.)")) + ")");
-  };
+  if (how == "unclamped edge")
+    front.curve = [](StepText& q, double z) {
+      return test::spline_curve(q, 2, {{-10, 0, z}, {10, 0, z}, {20, 0, z}, {50, 0, z}}, {1, 1, 1, 1, 1, 1, 1}, {0, 1, 2, 3, 4, 5, 6});
+    };
+  if (how == "polyline edge")
+    front.curve = [](StepText& q, double z) {
+      return q.add("POLYLINE(''," + q.list(test::points(q, {{0, 0, z}, {7, 0, z}, {30, 0, z}})) + ")");
+    };
+  if (how == "quasi uniform edge")
+    front.curve = [](StepText& q, double z) {
+      return q.add("QUASI_UNIFORM_CURVE('',2," + q.list(test::points(q, {{0, 0, z}, {4, 0, z}, {9, 0, z}, {30, 0, z}})) +
+                   ",.UNSPECIFIED.,.F.,.F.)");
+    };
+  if (how == "bezier edge")
+    front.curve = [](StepText& q, double z) {
+      return q.add("BEZIER_CURVE('',3," + q.list(test::points(q, {{0, 0, z}, {4, 0, z}, {9, 0, z}, {30, 0, z}})) +
+                   ",.UNSPECIFIED.,.F.,.F.)");
+    };
+  if (how == "offset edge")
+    front.curve = [](StepText& q, double z) {
+      return q.add("OFFSET_CURVE_3D(''," + q.ref(q.line({0, -4, z}, {30, -4, z})) + ",4.,.F.," + q.ref(q.direction(kZ)) + ")");
+    };
+  if (how == "offset spline edge")
+    front.curve = [](StepText& q, double z) {
+      return q.add("OFFSET_CURVE_3D(''," + q.ref(test::spline_curve(q, 3, {{0, 5, z}, {8, 5, z}, {22, 5, z}, {30, 5, z}}, {4, 4}, {0, 1})) +
+                   ",-5.,.F.," + q.ref(q.direction(kZ)) + ")");
+    };
+  if (how == "composite edge")
+    front.curve = [](StepText& q, double z) {
+      const auto piece = [&](double a, double b) {
+        const int t =
+            q.add("TRIMMED_CURVE(''," + q.ref(q.line({a, 0, z}, {b, 0, z})) + ",(" + q.ref(q.point({a, 0, z})) + ",PARAMETER_VALUE(0.)),(" +
+                  q.ref(q.point({b, 0, z})) + ",PARAMETER_VALUE(" + q.real(b - a) + ")),.T.,.CARTESIAN.)");
+        return q.add("COMPOSITE_CURVE_SEGMENT(.CONTINUOUS.,.T.," + q.ref(t) + ")");
+      };
+      return q.add("COMPOSITE_CURVE(''," + q.list({piece(0, 12), piece(12, 30)}) + ",.U.)");
+    };
+  if (how == "long vector")
+    front.curve = [](StepText& q, double z) {
+      return q.add("LINE(''," + q.ref(q.point({-4, 0, z})) + "," +
+                   q.ref(q.add("VECTOR(''," + q.ref(q.direction({250, 0, 0})) + ",1000.)")) + ")");
+    };
   add_prism(s, {{front, {{30, 0}, {}, {}}, {{30, 20}, {}, {}}, {{0, 20}, {}, {}}}}, 10);
   return {6000, 2200, 240, 6, 1};
 }
@@ -116,16 +152,24 @@ Truth half_disc(StepText& s, const std::string& how) {
   round.curve = arc;
   round.wall = [](StepText& q) { return q.add("CYLINDRICAL_SURFACE(''," + q.ref(q.axes({0, 0, 0}, kZ, kX)) + ",10.)"); };
   if (how == "extruded circle") round.wall = [arc](StepText& q) { return extruded(q, arc(q, 0)); };
-  if (how == "extruded trimmed arc") round.wall = [arc](StepText& q) {
-    return extruded(q, q.add("TRIMMED_CURVE(''," + q.ref(arc(q, 0)) + ",(PARAMETER_VALUE(0.)),(PARAMETER_VALUE(3.14159265358979)),.T.,.PARAMETER.)"));
-  };
+  if (how == "extruded trimmed arc")
+    round.wall = [arc](StepText& q) {
+      return extruded(
+          q, q.add("TRIMMED_CURVE(''," + q.ref(arc(q, 0)) + ",(PARAMETER_VALUE(0.)),(PARAMETER_VALUE(3.14159265358979)),.T.,.PARAMETER.)"));
+    };
   if (how == "extruded arc trimmed backwards") {
     round.same_sense = false;
-    round.wall = [arc](StepText& q) { return extruded(q, q.add("TRIMMED_CURVE(''," + q.ref(arc(q, 0)) + ",(PARAMETER_VALUE(3.14159265358979)),(PARAMETER_VALUE(0.)),.F.,.PARAMETER.)")); };
+    round.wall = [arc](StepText& q) {
+      return extruded(
+          q, q.add("TRIMMED_CURVE(''," + q.ref(arc(q, 0)) + ",(PARAMETER_VALUE(3.14159265358979)),(PARAMETER_VALUE(0.)),.F.,.PARAMETER.)"));
+    };
   }
   if (how == "extruded spline") {
     const double w = std::sqrt(0.5);
-    const auto spline = [w](StepText& q, double z) { return test::rational_curve(q, 2, {{10, 0, z}, {10, 10, z}, {0, 10, z}, {-10, 10, z}, {-10, 0, z}}, {1, w, 1, w, 1}, {3, 2, 3}, {0, 1, 2}); };
+    const auto spline = [w](StepText& q, double z) {
+      return test::rational_curve(q, 2, {{10, 0, z}, {10, 10, z}, {0, 10, z}, {-10, 10, z}, {-10, 0, z}}, {1, w, 1, w, 1}, {3, 2, 3},
+                                  {0, 1, 2});
+    };
     round.curve = spline, round.wall = [spline](StepText& q) { return extruded(q, spline(q, 0)); };
   }
   add_prism(s, {{round, {{-10, 0}, {}, {}}}}, 7);
@@ -143,7 +187,8 @@ Truth ellipse_prism(StepText& s, bool spline) {
     round.wall = [poles](StepText& q) {
       std::vector<std::vector<Vec3>> p;
       std::vector<std::vector<double>> w;
-      for (std::size_t k = 0; k < 9; ++k) p.push_back({poles(0)[k], poles(6)[k]}), w.push_back({test::circle_weights()[k], test::circle_weights()[k]});
+      for (std::size_t k = 0; k < 9; ++k)
+        p.push_back({poles(0)[k], poles(6)[k]}), w.push_back({test::circle_weights()[k], test::circle_weights()[k]});
       return test::spline_surface(q, 2, 1, p, w, {3, 2, 2, 2, 3}, {2, 2}, {0, 1, 2, 3, 4}, {0, 1});
     };
   }
@@ -164,8 +209,11 @@ Truth conic_prism(StepText& s, bool is_parabola) {
     y = [](double x) { return 9 - x * x / 4; }, dy = [](double x) { return -x / 2; };
   } else {  // y = 10 - sqrt(16 + x^2 * 16 / 12 ...): a = 4 along -y, through (6, 0): 100 / 16 - 36 / b^2 = 1
     const double b2 = 36 / (100.0 / 16 - 1);
-    c = [b2](StepText& q, double z) { return q.add("HYPERBOLA(''," + q.ref(q.axes({0, 10, z}, -kZ, -kY)) + ",4.," + q.real(std::sqrt(b2)) + ")"); };
-    y = [b2](double x) { return 10 - 4 * std::sqrt(1 + x * x / b2); }, dy = [b2](double x) { return -4 * x / b2 / std::sqrt(1 + x * x / b2); };
+    c = [b2](StepText& q, double z) {
+      return q.add("HYPERBOLA(''," + q.ref(q.axes({0, 10, z}, -kZ, -kY)) + ",4.," + q.real(std::sqrt(b2)) + ")");
+    };
+    y = [b2](double x) { return 10 - 4 * std::sqrt(1 + x * x / b2); },
+    dy = [b2](double x) { return -4 * x / b2 / std::sqrt(1 + x * x / b2); };
   }
   curved.curve = c;
   curved.wall = [c](StepText& q) { return extruded(q, c(q, 0)); };
@@ -182,14 +230,17 @@ Truth plate_with_hole(StepText& s, int holes, double r) {
   std::vector<std::vector<Side>> profiles;
   for (int k = 0; k < holes; ++k) {  // holes first: the order of bounds must not matter
     const Vec3 c(8 + 9 * k, 10, 0);
-    Side side{{c.x() + r, c.y()}, [c, r](StepText& q, double z) { return q.circle(c + z * kZ, -kZ, kX, r); },
-              [c, r](StepText& q) { return q.add("CYLINDRICAL_SURFACE(''," + q.ref(q.axes(c, kZ, kX)) + "," + q.real(r) + ")"); }, false};
+    Side side{{c.x() + r, c.y()},
+              [c, r](StepText& q, double z) { return q.circle(c + z * kZ, -kZ, kX, r); },
+              [c, r](StepText& q) { return q.add("CYLINDRICAL_SURFACE(''," + q.ref(q.axes(c, kZ, kX)) + "," + q.real(r) + ")"); },
+              false};
     profiles.push_back({side});
   }
   profiles.push_back({{{0, 0}, {}, {}}, {{40, 0}, {}, {}}, {{40, 20}, {}, {}}, {{0, 20}, {}, {}}});
   add_prism(s, profiles, 5);
   const double hole = kPi * r * r;
-  return {(800 - holes * hole) * 5, 2 * (800 - holes * hole) + 5 * (120 + holes * 2 * kPi * r), 2 * 120 + 20 + holes * 4 * kPi * r, 6 + holes, 1};
+  return {(800 - holes * hole) * 5, 2 * (800 - holes * hole) + 5 * (120 + holes * 2 * kPi * r), 2 * 120 + 20 + holes * 4 * kPi * r,
+          6 + holes, 1};
 }
 
 Truth tiny_edges(StepText& s, double tiny) {  // a corner cut off by next to nothing
@@ -202,7 +253,8 @@ Truth triangles(StepText& s, const std::string& how) {
   const double mm = how.find("inch") != std::string::npos ? 25.4 : 1;
   if (mm != 1) s.use_inch();
   std::string list;
-  for (int k = 0; k < 8; ++k) list += std::string(k ? "," : "") + test::reals({(k & 1 ? 30. : 0.) / mm, (k & 2 ? 20. : 0.) / mm, (k & 4 ? 10. : 0.) / mm});
+  for (int k = 0; k < 8; ++k)
+    list += std::string(k ? "," : "") + test::reals({(k & 1 ? 30. : 0.) / mm, (k & 2 ? 20. : 0.) / mm, (k & 4 ? 10. : 0.) / mm});
   const int coordinates = s.add("COORDINATES_LIST('',8,(" + list + "))");
   const int quads[6][4] = {{1, 3, 4, 2}, {5, 6, 8, 7}, {1, 2, 6, 5}, {3, 7, 8, 4}, {1, 5, 7, 3}, {2, 4, 8, 6}};
   std::vector<int> faces;
@@ -216,9 +268,11 @@ Truth triangles(StepText& s, const std::string& how) {
     else if (how.find("own index") != std::string::npos)
       faces.push_back(s.add("TRIANGULATED_FACE(''," + s.ref(coordinates) + ",4,(),$," + own + ",((1,2,3),(1,3,4)))"));
     else
-      faces.push_back(s.add("TRIANGULATED_FACE(''," + s.ref(coordinates) + ",8,(),$,(),(" + test::integers({q[0], q[1], q[2]}) + "," + test::integers({q[0], q[2], q[3]}) + "))"));
+      faces.push_back(s.add("TRIANGULATED_FACE(''," + s.ref(coordinates) + ",8,(),$,(),(" + test::integers({q[0], q[1], q[2]}) + "," +
+                            test::integers({q[0], q[2], q[3]}) + "))"));
   }
-  const int solid = how.find("shell") != std::string::npos ? s.add("TESSELLATED_SHELL(''," + s.list(faces) + ",$)") : s.add("TESSELLATED_SOLID(''," + s.list(faces) + ",$)");
+  const int solid = how.find("shell") != std::string::npos ? s.add("TESSELLATED_SHELL(''," + s.list(faces) + ",$)")
+                                                           : s.add("TESSELLATED_SOLID(''," + s.list(faces) + ",$)");
   s.define(s.product("t"), s.representation({solid}, s.context(), "TESSELLATED_SHAPE_REPRESENTATION"));
   return {6000, 2200, 240, 6, 1};
 }
@@ -227,7 +281,8 @@ std::vector<Variant> flat() {
   std::vector<Variant> all;
   all.push_back({"faceted brep", [](StepText& s) { return faceted_box(s, "FACETED_BREP"); }});
   all.push_back({"poly loops in a manifold brep", [](StepText& s) { return faceted_box(s, "MANIFOLD_SOLID_BREP"); }});
-  for (const std::string how : {"bilinear wall", "cubic edge", "unclamped edge", "polyline edge", "quasi uniform edge", "bezier edge", "offset edge", "offset spline edge", "composite edge", "long vector"})
+  for (const std::string how : {"bilinear wall", "cubic edge", "unclamped edge", "polyline edge", "quasi uniform edge", "bezier edge",
+                                "offset edge", "offset spline edge", "composite edge", "long vector"})
     all.push_back({how, [how](StepText& s) { return box_with_front(s, how); }});
   for (const std::string how : {"cylinder", "extruded circle", "extruded trimmed arc", "extruded arc trimmed backwards", "extruded spline"})
     all.push_back({"half disc " + how, [how](StepText& s) { return half_disc(s, how); }});
@@ -238,7 +293,8 @@ std::vector<Variant> flat() {
   all.push_back({"one hole", [](StepText& s) { return plate_with_hole(s, 1, 3); }});
   all.push_back({"three holes", [](StepText& s) { return plate_with_hole(s, 3, 3); }});
   all.push_back({"holes a hair apart", [](StepText& s) { return plate_with_hole(s, 3, 4.49); }});
-  for (const double tiny : {1e-3, 1e-5, 1e-7}) all.push_back({"tiny edge " + StepText::real(tiny), [tiny](StepText& s) { return tiny_edges(s, tiny); }});
+  for (const double tiny : {1e-3, 1e-5, 1e-7})
+    all.push_back({"tiny edge " + StepText::real(tiny), [tiny](StepText& s) { return tiny_edges(s, tiny); }});
   for (const std::string how : {"plain", "own index", "strips", "fans", "plain inch", "plain shell"})
     all.push_back({"triangles " + how, [how](StepText& s) { return triangles(s, how); }});
   return all;

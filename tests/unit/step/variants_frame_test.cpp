@@ -45,12 +45,14 @@ TEST(Frames, LinesAreCountedWhateverTheyEndIn) {
 TEST(Frames, Headers) {
   const std::string text = box_text();
   const auto with_schema = [&](const std::string& s) { return replaced(text, "FILE_SCHEMA(('AUTOMOTIVE_DESIGN'));", s); };
-  for (const std::string s : {"FILE_SCHEMA(('CONFIG_CONTROL_DESIGN'));", "FILE_SCHEMA (( 'AP242_MANAGED_MODEL_BASED_3D_ENGINEERING_MIM_LF { 1 0 10303 442 1 1 4 }' )) ;",
-                              "FILE_SCHEMA(('AUTOMOTIVE_DESIGN_CC2','X'));", "FILE_SCHEMA(('NO SUCH SCHEMA'));", "FILE_SCHEMA(());", "", "file_schema(('automotive_design'));"})
+  for (const std::string s : {"FILE_SCHEMA(('CONFIG_CONTROL_DESIGN'));",
+                              "FILE_SCHEMA (( 'AP242_MANAGED_MODEL_BASED_3D_ENGINEERING_MIM_LF { 1 0 10303 442 1 1 4 }' )) ;",
+                              "FILE_SCHEMA(('AUTOMOTIVE_DESIGN_CC2','X'));", "FILE_SCHEMA(('NO SUCH SCHEMA'));", "FILE_SCHEMA(());", "",
+                              "file_schema(('automotive_design'));"})
     test::expect_truth(with_schema(s), kBox);
   const std::size_t header = text.find("HEADER;"), data = text.find("DATA;");
-  test::expect_truth(text.substr(0, header) + text.substr(data), kBox);                       // no header at all
-  test::expect_truth(replaced(text, "ENDSEC;\nDATA;", "DATA;"), kBox);                        // never closed
+  test::expect_truth(text.substr(0, header) + text.substr(data), kBox);  // no header at all
+  test::expect_truth(replaced(text, "ENDSEC;\nDATA;", "DATA;"), kBox);   // never closed
   test::expect_truth(replaced(text, "ISO-10303-21;\nHEADER;", "ISO-10303-21 ;\n\nHEADER ;"), kBox);
   test::expect_truth(replaced(text, "END-ISO-10303-21;", ""), kBox);
   test::expect_truth(text + std::string(100, '\0'), kBox);
@@ -71,7 +73,8 @@ TEST(Frames, IdsAndWords) {
   for (std::size_t k = lower.find("DATA;") + 5; k < lower.rfind("ENDSEC"); ++k) lower[k] = static_cast<char>(std::tolower(lower[k]));
   test::expect_truth(lower, kBox);
   test::expect_truth(replaced(replaced(text, "=", " = "), ",", " ,\t"), kBox);
-  test::expect_truth(replaced(text, "DATA;\n", "DATA;\n#800001=!OWN_THING('x',(1,2),$);\n#800002=UNKNOWN_ENTITY(#1,.X.,\"0F\",*);\n"), kBox);
+  test::expect_truth(replaced(text, "DATA;\n", "DATA;\n#800001=!OWN_THING('x',(1,2),$);\n#800002=UNKNOWN_ENTITY(#1,.X.,\"0F\",*);\n"),
+                     kBox);
   test::expect_truth(replaced(text, "CARTESIAN_POINT('',", "CARTESIAN_POINT('\\X2\\00E4\\X0\\ ''q'' \xE4 /*',"), kBox);
 }
 TEST(Frames, NumbersAsSystemsWriteThem) {
@@ -111,7 +114,8 @@ TEST(Frames, Units) {
   in_unit("yard over cm", 914.4, by("YARD", 91.44, ".CENTI."));
   in_unit("typed measure missing", 25.4, [](StepText& s) {
     const int mm = s.add("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))");
-    s.length_unit = "(CONVERSION_BASED_UNIT('INCH'," + s.ref(s.add("LENGTH_MEASURE_WITH_UNIT(25.4," + s.ref(mm) + ")")) + ")LENGTH_UNIT()NAMED_UNIT(*))";
+    s.length_unit = "(CONVERSION_BASED_UNIT('INCH'," + s.ref(s.add("LENGTH_MEASURE_WITH_UNIT(25.4," + s.ref(mm) + ")")) +
+                    ")LENGTH_UNIT()NAMED_UNIT(*))";
   });
   in_unit("inch over inch", 25.4, [&](StepText& s) {  // a chain of conversions
     s.use_inch();
@@ -130,9 +134,11 @@ TEST(Frames, FarFromTheOrigin) {
   test::expect_truth(box_text({2e5, -3e5, 1e5}), kBox);
   StepText s;
   const int drum = test::add_seamless_cylinder(s, 8, 25);
-  const int context = s.context(), origin = s.axes({0, 0, 0}, kZ, kX), there = s.axes({1e6, 2e6, -3e5}, Vec3(1, 2, 3).normalized(), Vec3(3, 0, -1).normalized());
+  const int context = s.context(), origin = s.axes({0, 0, 0}, kZ, kX),
+            there = s.axes({1e6, 2e6, -3e5}, Vec3(1, 2, 3).normalized(), Vec3(3, 0, -1).normalized());
   const int rep = s.representation({drum}, context), map = s.add("REPRESENTATION_MAP(" + s.ref(origin) + "," + s.ref(rep) + ")");
-  s.define(s.product("far"), s.representation({s.add("MAPPED_ITEM(''," + s.ref(map) + "," + s.ref(there) + ")")}, context, "SHAPE_REPRESENTATION"));
+  s.define(s.product("far"),
+           s.representation({s.add("MAPPED_ITEM(''," + s.ref(map) + "," + s.ref(there) + ")")}, context, "SHAPE_REPRESENTATION"));
   test::expect_truth(s.text(), {kPi * 64 * 25, 2 * kPi * 8 * 33, 32 * kPi, 3, 1});
 }
 TEST(Frames, TinyAndHugeParts) {
@@ -164,7 +170,8 @@ struct Assembly {
     const int shape = s.add("PRODUCT_DEFINITION_SHAPE('',''," + s.ref(nauo) + ")");
     const int t = s.add("ITEM_DEFINED_TRANSFORMATION('',''," + s.ref(swapped ? to : from) + "," + s.ref(swapped ? from : to) + ")");
     const std::string reps = s.ref(swapped ? parent_rep : child_rep) + "," + s.ref(swapped ? child_rep : parent_rep);
-    const int relation = s.add("(REPRESENTATION_RELATIONSHIP('',''," + reps + ")REPRESENTATION_RELATIONSHIP_WITH_TRANSFORMATION(" + s.ref(t) + ")SHAPE_REPRESENTATION_RELATIONSHIP())");
+    const int relation = s.add("(REPRESENTATION_RELATIONSHIP('',''," + reps + ")REPRESENTATION_RELATIONSHIP_WITH_TRANSFORMATION(" +
+                               s.ref(t) + ")SHAPE_REPRESENTATION_RELATIONSHIP())");
     s.add("CONTEXT_DEPENDENT_SHAPE_REPRESENTATION(" + s.ref(relation) + "," + s.ref(shape) + ")");
   }
 };
@@ -178,7 +185,8 @@ TEST(Assemblies, NestedThreeDeepAndEitherOrder) {
     const int up = s.axes({0, 0, 100}, kX, kY), side = s.axes({200, 0, 0}, kZ, kX), in_sub = s.axes({0, 0, 0}, kZ, kX);
     s.lines();
     const int sub = s.product("sub"), top = s.product("top");
-    const int sub_rep = s.representation({here, up}, a.context, "SHAPE_REPRESENTATION"), top_rep = s.representation({side, in_sub}, a.context, "SHAPE_REPRESENTATION");
+    const int sub_rep = s.representation({here, up}, a.context, "SHAPE_REPRESENTATION"),
+              top_rep = s.representation({side, in_sub}, a.context, "SHAPE_REPRESENTATION");
     s.define(sub, sub_rep), s.define(top, top_rep);
     a.use(sub, sub_rep, a.part, a.rep, in_part, here, swapped, "one");
     a.use(sub, sub_rep, a.part, a.rep, in_part, up, swapped, "two");
@@ -209,8 +217,12 @@ TEST(Assemblies, ByMapsOfMaps) {
   Assembly a;
   StepText& s = a.s;
   const int origin = s.axes({0, 0, 0}, kZ, kX);
-  const auto mapped = [&](int rep, int target) { return s.add("MAPPED_ITEM(''," + s.ref(s.add("REPRESENTATION_MAP(" + s.ref(origin) + "," + s.ref(rep) + ")")) + "," + s.ref(target) + ")"); };
-  const int inner = s.representation({mapped(a.rep, s.axes({0, 100, 0}, kZ, kX)), mapped(a.rep, s.axes({0, 200, 0}, kZ, -kX))}, a.context, "SHAPE_REPRESENTATION");
+  const auto mapped = [&](int rep, int target) {
+    return s.add("MAPPED_ITEM(''," + s.ref(s.add("REPRESENTATION_MAP(" + s.ref(origin) + "," + s.ref(rep) + ")")) + "," + s.ref(target) +
+                 ")");
+  };
+  const int inner = s.representation({mapped(a.rep, s.axes({0, 100, 0}, kZ, kX)), mapped(a.rep, s.axes({0, 200, 0}, kZ, -kX))}, a.context,
+                                     "SHAPE_REPRESENTATION");
   // The part's own product keeps its own body: it is placed once itself, twice through the map.
   const int outer = s.representation({mapped(inner, s.axes({500, 0, 0}, kZ, kX))}, a.context, "SHAPE_REPRESENTATION");
   s.define(s.product("maps"), outer);
@@ -223,11 +235,14 @@ TEST(Assemblies, MirroredAndScaled) {
   for (const double scale : {1.0, 2.0}) {
     StepText s;
     const int context = s.context(), origin = s.axes({0, 0, 0}, kZ, kX);
-    const int rep = s.representation({test::add_box(s, {0, 0, 0}, {30, 20, 10})}, context), map = s.add("REPRESENTATION_MAP(" + s.ref(origin) + "," + s.ref(rep) + ")");
+    const int rep = s.representation({test::add_box(s, {0, 0, 0}, {30, 20, 10})}, context),
+              map = s.add("REPRESENTATION_MAP(" + s.ref(origin) + "," + s.ref(rep) + ")");
     const int x = s.direction(-kX), y = s.direction(kY), z = s.direction(kZ), p = s.point({0, 0, 0});
-    const int t = s.add("(CARTESIAN_TRANSFORMATION_OPERATOR(" + s.ref(x) + "," + s.ref(y) + "," + s.ref(p) + "," + s.real(scale) + ")CARTESIAN_TRANSFORMATION_OPERATOR_3D(" + s.ref(z) +
+    const int t = s.add("(CARTESIAN_TRANSFORMATION_OPERATOR(" + s.ref(x) + "," + s.ref(y) + "," + s.ref(p) + "," + s.real(scale) +
+                        ")CARTESIAN_TRANSFORMATION_OPERATOR_3D(" + s.ref(z) +
                         ")FUNCTIONALLY_DEFINED_TRANSFORMATION('','')GEOMETRIC_REPRESENTATION_ITEM()REPRESENTATION_ITEM(''))");
-    s.define(s.product("m"), s.representation({s.add("MAPPED_ITEM(''," + s.ref(map) + "," + s.ref(t) + ")")}, context, "SHAPE_REPRESENTATION"));
+    s.define(s.product("m"),
+             s.representation({s.add("MAPPED_ITEM(''," + s.ref(map) + "," + s.ref(t) + ")")}, context, "SHAPE_REPRESENTATION"));
     test::expect_truth(s.text(), {6000 * scale * scale * scale, 2200 * scale * scale, 240 * scale, 6, 1});
     EXPECT_NEAR(read_step(s.text(), "x")->artefact.box.min_mm.x(), -30 * scale, 1e-9);
   }
@@ -235,7 +250,8 @@ TEST(Assemblies, MirroredAndScaled) {
 TEST(Assemblies, RelationshipJoinsPlacementAndBody) {  // as most systems write a single part
   StepText s;
   const int context = s.context(), origin = s.axes({0, 0, 0}, kZ, kX);
-  const int body = s.representation({test::add_box(s, {0, 0, 0}, {30, 20, 10}), origin}, context), placement = s.representation({origin}, context, "SHAPE_REPRESENTATION");
+  const int body = s.representation({test::add_box(s, {0, 0, 0}, {30, 20, 10}), origin}, context),
+            placement = s.representation({origin}, context, "SHAPE_REPRESENTATION");
   s.define(s.product("p"), placement);
   s.add("SHAPE_REPRESENTATION_RELATIONSHIP('',''," + s.ref(placement) + "," + s.ref(body) + ")");
   test::expect_truth(s.text(), kBox);

@@ -32,12 +32,24 @@ std::vector<Variant> drums() {
                      return t;
                    }});
   };
-  const std::pair<const char*, Drum::Wall> walls[] = {{"cylinder", Drum::Wall::cylinder}, {"cylinder with its axis down", Drum::Wall::cylinder_reversed}, {"extrusion", Drum::Wall::extrusion},
-                                                      {"revolution", Drum::Wall::revolution}, {"rational", Drum::Wall::rational}, {"rational turned", Drum::Wall::rational_turned},
-                                                      {"offset", Drum::Wall::offset}, {"trimmed", Drum::Wall::trimmed}, {"curve bounded", Drum::Wall::curve_bounded}};
-  const std::pair<const char*, Drum::Rim> rims[] = {{"circle", Drum::Rim::circle}, {"circle reversed", Drum::Rim::circle_reversed}, {"ellipse", Drum::Rim::ellipse}, {"rational", Drum::Rim::rational},
-                                                    {"rational other order", Drum::Rim::rational_other_order}, {"trimmed", Drum::Rim::trimmed}, {"surface curve", Drum::Rim::surface_curve},
-                                                    {"composite", Drum::Rim::composite}, {"two arcs", Drum::Rim::two_arcs}};
+  const std::pair<const char*, Drum::Wall> walls[] = {{"cylinder", Drum::Wall::cylinder},
+                                                      {"cylinder with its axis down", Drum::Wall::cylinder_reversed},
+                                                      {"extrusion", Drum::Wall::extrusion},
+                                                      {"revolution", Drum::Wall::revolution},
+                                                      {"rational", Drum::Wall::rational},
+                                                      {"rational turned", Drum::Wall::rational_turned},
+                                                      {"offset", Drum::Wall::offset},
+                                                      {"trimmed", Drum::Wall::trimmed},
+                                                      {"curve bounded", Drum::Wall::curve_bounded}};
+  const std::pair<const char*, Drum::Rim> rims[] = {{"circle", Drum::Rim::circle},
+                                                    {"circle reversed", Drum::Rim::circle_reversed},
+                                                    {"ellipse", Drum::Rim::ellipse},
+                                                    {"rational", Drum::Rim::rational},
+                                                    {"rational other order", Drum::Rim::rational_other_order},
+                                                    {"trimmed", Drum::Rim::trimmed},
+                                                    {"surface curve", Drum::Rim::surface_curve},
+                                                    {"composite", Drum::Rim::composite},
+                                                    {"two arcs", Drum::Rim::two_arcs}};
   for (const auto& [wall_name, wall] : walls)
     for (const bool has_seam : {false, true}) {
       Drum d;

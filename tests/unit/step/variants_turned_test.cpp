@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Spheres, cones, tori and other turned bodies in the ways they are written: poles with and without edges of no length, seams both
 // ways, revolutions, rational patches, spindles, angles in degrees.
-#include "variants.hpp"
-
 #include <gtest/gtest.h>
 
+#include "variants.hpp"
 #include "variants_check.hpp"
 
 namespace asbuilt {
@@ -23,11 +22,16 @@ TEST_P(Turned, HasTheTruth) {
   test::expect_truth(s.text(), t);
 }
 
-int axis1(StepText& s, const Vec3& p, const Vec3& z) { return s.add("AXIS1_PLACEMENT(''," + s.ref(s.point(p)) + "," + s.ref(s.direction(z)) + ")"); }
-int plane(StepText& s, const Vec3& p, const Vec3& n) { return s.add("PLANE(''," + s.ref(s.axes(p, n, std::abs(n.x()) < 0.9 ? kX : kY)) + ")"); }
+int axis1(StepText& s, const Vec3& p, const Vec3& z) {
+  return s.add("AXIS1_PLACEMENT(''," + s.ref(s.point(p)) + "," + s.ref(s.direction(z)) + ")");
+}
+int plane(StepText& s, const Vec3& p, const Vec3& n) {
+  return s.add("PLANE(''," + s.ref(s.axes(p, n, std::abs(n.x()) < 0.9 ? kX : kY)) + ")");
+}
 
 /// A surface turned from a profile of rational poles in the half plane (rho, z): nine columns around, profile along v.
-int turned_patch(StepText& s, const std::vector<Vec2>& profile, const std::vector<double>& w, int degree, const std::vector<int>& mult, const std::vector<double>& knots) {
+int turned_patch(StepText& s, const std::vector<Vec2>& profile, const std::vector<double>& w, int degree, const std::vector<int>& mult,
+                 const std::vector<double>& knots) {
   std::vector<std::vector<Vec3>> p(9);
   std::vector<std::vector<double>> weights(9);
   for (std::size_t j = 0; j < profile.size(); ++j) {
@@ -45,10 +49,12 @@ Truth ball(StepText& s, Ball kind, const std::string& border, double r) {
   bool same_sense = true;
   if (kind == Ball::sphere) surface = s.add("SPHERICAL_SURFACE(''," + s.ref(s.axes({0, 0, 0}, kZ, kX)) + "," + s.real(r) + ")");
   if (kind == Ball::revolution) {  // half circle from the south to the north pole
-    const int arc = s.add("TRIMMED_CURVE(''," + s.ref(s.circle({0, 0, 0}, -kY, kX, r)) + ",(PARAMETER_VALUE(4.71238898038469)),(PARAMETER_VALUE(7.85398163397448)),.T.,.PARAMETER.)");
+    const int arc = s.add("TRIMMED_CURVE(''," + s.ref(s.circle({0, 0, 0}, -kY, kX, r)) +
+                          ",(PARAMETER_VALUE(4.71238898038469)),(PARAMETER_VALUE(7.85398163397448)),.T.,.PARAMETER.)");
     surface = s.add("SURFACE_OF_REVOLUTION(''," + s.ref(arc) + "," + s.ref(axis1(s, {0, 0, 0}, kZ)) + ")");
   }
-  if (kind == Ball::rational) surface = turned_patch(s, {{0, -r}, {r, -r}, {r, 0}, {r, r}, {0, r}}, {1, w, 1, w, 1}, 2, {3, 2, 3}, {0, 1, 2});
+  if (kind == Ball::rational)
+    surface = turned_patch(s, {{0, -r}, {r, -r}, {r, 0}, {r, r}, {0, r}}, {1, w, 1, w, 1}, 2, {3, 2, 3}, {0, 1, 2});
   std::vector<int> bounds;
   const int south = s.vertex({0, 0, -r}), north = s.vertex({0, 0, r});
   if (border == "seam" || border == "seam with poles") {
@@ -83,10 +89,14 @@ Truth frustum(StepText& s, double r1, double r2, double h, const std::string& ho
   const auto angle = [&](double a) { return s.real(degrees ? a * 180 / kPi : a); };
   int surface = 0;
   bool same_sense = true;
-  if (how.find("rational") != std::string::npos) surface = turned_patch(s, {{r1, 0}, {r2, h}}, {1, 1}, 1, {2, 2}, {0, 1});
-  else if (how.find("revolution") != std::string::npos) surface = s.add("SURFACE_OF_REVOLUTION(''," + s.ref(s.line({r1, 0, 0}, {r2, 0, h})) + "," + s.ref(axis1(s, {0, 0, 0}, kZ)) + ")");
-  else if (how.find("down") != std::string::npos) surface = s.add("CONICAL_SURFACE(''," + s.ref(s.axes({0, 0, h}, -kZ, kX)) + "," + s.real(r2) + "," + angle(-phi) + ")");
-  else surface = s.add("CONICAL_SURFACE(''," + s.ref(s.axes({0, 0, 0}, kZ, kX)) + "," + s.real(r1) + "," + angle(phi) + ")");
+  if (how.find("rational") != std::string::npos)
+    surface = turned_patch(s, {{r1, 0}, {r2, h}}, {1, 1}, 1, {2, 2}, {0, 1});
+  else if (how.find("revolution") != std::string::npos)
+    surface = s.add("SURFACE_OF_REVOLUTION(''," + s.ref(s.line({r1, 0, 0}, {r2, 0, h})) + "," + s.ref(axis1(s, {0, 0, 0}, kZ)) + ")");
+  else if (how.find("down") != std::string::npos)
+    surface = s.add("CONICAL_SURFACE(''," + s.ref(s.axes({0, 0, h}, -kZ, kX)) + "," + s.real(r2) + "," + angle(-phi) + ")");
+  else
+    surface = s.add("CONICAL_SURFACE(''," + s.ref(s.axes({0, 0, 0}, kZ, kX)) + "," + s.real(r1) + "," + angle(phi) + ")");
   const int v1 = s.vertex({r1, 0, 0}), v2 = s.vertex({r2, 0, h});
   const int e1 = s.edge(v1, v1, s.circle({0, 0, 0}, kZ, kX, r1));
   const double slant = std::hypot(h, r1 - r2);
@@ -124,10 +134,13 @@ Truth ring(StepText& s, const std::string& surface_kind, const std::string& bord
   const double w = std::sqrt(0.5);
   int surface = 0;
   bool same_sense = true;
-  if (surface_kind == "torus") surface = s.add("TOROIDAL_SURFACE(''," + s.ref(s.axes({0, 0, 0}, kZ, kX)) + "," + s.real(R) + "," + s.real(r) + ")");
-  if (surface_kind == "revolution") surface = s.add("SURFACE_OF_REVOLUTION(''," + s.ref(s.circle({R, 0, 0}, -kY, kX, r)) + "," + s.ref(axis1(s, {0, 0, 0}, kZ)) + ")");
+  if (surface_kind == "torus")
+    surface = s.add("TOROIDAL_SURFACE(''," + s.ref(s.axes({0, 0, 0}, kZ, kX)) + "," + s.real(R) + "," + s.real(r) + ")");
+  if (surface_kind == "revolution")
+    surface = s.add("SURFACE_OF_REVOLUTION(''," + s.ref(s.circle({R, 0, 0}, -kY, kX, r)) + "," + s.ref(axis1(s, {0, 0, 0}, kZ)) + ")");
   if (surface_kind == "rational")
-    surface = turned_patch(s, {{R + r, 0}, {R + r, r}, {R, r}, {R - r, r}, {R - r, 0}, {R - r, -r}, {R, -r}, {R + r, -r}, {R + r, 0}}, {1, w, 1, w, 1, w, 1, w, 1}, 2, {3, 2, 2, 2, 3}, {0, 1, 2, 3, 4});
+    surface = turned_patch(s, {{R + r, 0}, {R + r, r}, {R, r}, {R - r, r}, {R - r, 0}, {R - r, -r}, {R, -r}, {R + r, -r}, {R + r, 0}},
+                           {1, w, 1, w, 1, w, 1, w, 1}, 2, {3, 2, 2, 2, 3}, {0, 1, 2, 3, 4});
   const Truth whole{2 * kPi * kPi * R * r * r, 4 * kPi * kPi * R * r, 0, 1, 1};
   const int v = s.vertex({R + r, 0, 0});
   const auto large = [&] { return s.edge(v, v, s.circle({0, 0, 0}, kZ, kX, R + r)); };
@@ -170,7 +183,8 @@ Truth ring(StepText& s, const std::string& surface_kind, const std::string& bord
     const int seam = s.edge(v, q, s.circle({0, 0, 0}, kZ, kX, R + r));
     side = {s.bound({seam, b, -seam, -a})};
   }
-  s.part({s.solid({s.face(side, surface, same_sense), s.face({s.bound({a})}, plane(s, {R, 0, 0}, -kY)), s.face({s.bound({-b})}, plane(s, {0, R, 0}, -kX))})});
+  s.part({s.solid({s.face(side, surface, same_sense), s.face({s.bound({a})}, plane(s, {R, 0, 0}, -kY)),
+                   s.face({s.bound({-b})}, plane(s, {0, R, 0}, -kX))})});
   return {0.5 * kPi * kPi * R * r * r, kPi * kPi * R * r + 2 * kPi * r * r, 4 * kPi * r, 3, 1};
 }
 
@@ -178,29 +192,36 @@ Truth ring(StepText& s, const std::string& surface_kind, const std::string& bord
 Truth spindle(StepText& s, bool is_apple, const std::string& entity) {
   const double R = 2, r = 5, a = std::acos(R / r), half = std::sqrt(r * r - R * R);
   const std::string data = s.ref(s.axes({0, 0, 0}, kZ, kX)) + "," + s.real(R) + "," + s.real(r);
-  const int surface = entity == "torus" ? s.add("TOROIDAL_SURFACE(''," + data + ")") : s.add("DEGENERATE_TOROIDAL_SURFACE(''," + data + (is_apple ? ",.T.)" : ",.F.)"));
+  const int surface = entity == "torus" ? s.add("TOROIDAL_SURFACE(''," + data + ")")
+                                        : s.add("DEGENERATE_TOROIDAL_SURFACE(''," + data + (is_apple ? ",.T.)" : ",.F.)"));
   s.part({s.solid({s.face({s.vertex_bound(s.vertex({0, 0, half}))}, surface, true)})});
   // Meridian half angle: the outer lobe spans pi - a each way from the equator, the inner one a.
   const double b = is_apple ? kPi - a : a, sign = is_apple ? 1 : -1;
   const double area = 2 * kPi * r * 2 * (sign * R * b + r * std::sin(b));
   // pi times the integral of rho^2 over z, rho = sign R + r cos t, z = r sin t
-  const double volume = kPi * 2 * (R * R * r * std::sin(b) + sign * R * r * r * (b + std::sin(b) * std::cos(b)) + r * r * r * (std::sin(b) - std::pow(std::sin(b), 3) / 3));
+  const double volume = kPi * 2 *
+                        (R * R * r * std::sin(b) + sign * R * r * r * (b + std::sin(b) * std::cos(b)) +
+                         r * r * r * (std::sin(b) - std::pow(std::sin(b), 3) / 3));
   return {volume, area, 0, 1, 1};
 }
 
 std::vector<Variant> turned() {
   std::vector<Variant> all;
-  const std::pair<const char*, Ball> balls[] = {{"sphere", Ball::sphere}, {"revolved arc", Ball::revolution}, {"rational ball", Ball::rational}};
+  const std::pair<const char*, Ball> balls[] = {
+      {"sphere", Ball::sphere}, {"revolved arc", Ball::revolution}, {"rational ball", Ball::rational}};
   for (const auto& [name, kind] : balls)
     for (const std::string border : {"nothing", "vertex", "seam", "seam with poles", "two halves", "two caps"})
       all.push_back({std::string(name) + " " + border, [kind = kind, border](StepText& s) { return ball(s, kind, border, 7); }});
-  for (const std::string how : {"band", "seam", "band degrees", "seam down", "band down degrees", "rational band", "rational seam", "revolution band", "revolution seam"})
+  for (const std::string how : {"band", "seam", "band degrees", "seam down", "band down degrees", "rational band", "rational seam",
+                                "revolution band", "revolution seam"})
     all.push_back({"frustum " + how, [how](StepText& s) { return frustum(s, 9, 4, 12, how); }});
   all.push_back({"frustum widening", [](StepText& s) { return frustum(s, 4, 9, 12, "seam degrees"); }});
-  for (const std::string how : {"vertex", "seam", "pole edge", "bare", "vertex degrees", "down vertex", "down seam", "revolution seam", "rational seam", "rational vertex", "rational pole edge", "revolution pole edge"})
+  for (const std::string how : {"vertex", "seam", "pole edge", "bare", "vertex degrees", "down vertex", "down seam", "revolution seam",
+                                "rational seam", "rational vertex", "rational pole edge", "revolution pole edge"})
     all.push_back({"cone " + how, [how](StepText& s) { return frustum(s, 9, 0, 12, how); }});
   for (const std::string kind : {"torus", "revolution", "rational"})
-    for (const std::string border : {"nothing", "vertex", "two seams", "two seams from the small one", "cut around", "cut around with seam", "bend", "bend with seam"})
+    for (const std::string border :
+         {"nothing", "vertex", "two seams", "two seams from the small one", "cut around", "cut around with seam", "bend", "bend with seam"})
       all.push_back({kind + " ring " + border, [kind, border](StepText& s) { return ring(s, kind, border, 20, 6); }});
   all.push_back({"apple", [](StepText& s) { return spindle(s, true, "degenerate"); }});
   all.push_back({"apple by its radii", [](StepText& s) { return spindle(s, true, "torus"); }});
