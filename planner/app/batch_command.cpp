@@ -11,14 +11,16 @@ namespace asbuilt {
 
 std::vector<Language> languages_of(const std::vector<std::string>& words, std::string& fault) {
   std::vector<Language> languages;
+  std::string list;
+  for (const Language l : kLanguages) list += (list.empty() ? "" : ", ") + std::string(name_of(l));
   for (const std::string& word : words) {
     bool is_known = false;
-    for (const Language l : {Language::krl, Language::inform, Language::beckhoff})
+    for (const Language l : kLanguages)
       if (name_of(l) == word) {
         is_known = true;
         if (std::find(languages.begin(), languages.end(), l) == languages.end()) languages.push_back(l);
       }
-    if (!is_known) fault = "--post " + word + ": there is no such language; use krl, inform or beckhoff";
+    if (!is_known) fault = "--post " + word + ": there is no such language; use " + list;
   }
   return languages;
 }

@@ -31,6 +31,7 @@ std::vector<Motion1> motions_of(const Program& p, std::size_t& others) {
     if (const auto* j = std::get_if<MoveJoint>(&i)) m.push_back({true, j->q_rad, {}, j->speed_ratio});
     else if (const auto* l = std::get_if<MoveLinear>(&i)) m.push_back({false, {}, l->T_base_tool, l->speed_mm_s});
     else if (const auto* c = std::get_if<MoveCircular>(&i)) m.push_back({false, {}, c->T_base_via, c->speed_mm_s}), m.push_back({false, {}, c->T_base_tool, c->speed_mm_s});
+    else if (const auto* c = std::get_if<MoveSpline>(&i)) m.push_back({false, {}, c->T_base_tool, c->speed_mm_s});
     else if (!std::holds_alternative<Comment>(i)) ++others;
   }
   return m;
@@ -47,7 +48,8 @@ Result<std::vector<ReadProgram>> read_programs(const std::vector<std::string>& f
     std::optional<Language> language;
     if (end == ".src" || end == ".dat") language = Language::krl;
     if (end == ".jbi" || end == ".cnd") language = Language::inform;
-    if (end == ".nc" || end == ".cnc" || end == ".mpf") language = Language::beckhoff;
+    if (end == ".nc" || end == ".cnc" || end == ".mpf")  // both Beckhoff products name their files so
+      language = context.cell.controller.language == Language::nci ? Language::nci : Language::beckhoff;
     if (!language)
       faults.push_back({.code = "input.program_language", .where = name, .message = "the name tells no language; known are .src .dat (KRL), .JBI .CND (INFORM), .nc .cnc .mpf (Beckhoff)", .stage = "input"});
     else if (!std::filesystem::is_regular_file(path))

@@ -101,8 +101,17 @@ struct RobotSpec {
   }
 };
 
-enum class Language { krl, inform, beckhoff };
-inline std::string_view name_of(Language l) { return l == Language::krl ? "krl" : l == Language::inform ? "inform" : "beckhoff"; }
+enum class Language { krl, inform, beckhoff, nci, ur };
+inline constexpr Language kLanguages[] = {Language::krl, Language::inform, Language::beckhoff, Language::nci, Language::ur};
+inline std::string_view name_of(Language l) {
+  switch (l) {
+    case Language::krl: return "krl";
+    case Language::inform: return "inform";
+    case Language::beckhoff: return "beckhoff";
+    case Language::nci: return "nci";
+    default: return "ur";
+  }
+}
 enum class BeckhoffOrientation { cba, ypr, euler };  // P-CHAN-00112 = 2 | 0 | 1
 inline std::string_view name_of(BeckhoffOrientation o) {
   return o == BeckhoffOrientation::cba ? "cba" : o == BeckhoffOrientation::ypr ? "ypr" : "euler";

@@ -140,6 +140,8 @@ ControllerSpec controller_of(const ControllerText& t) {
   if (t.krl) keep("krl", t.krl->rest);
   if (t.inform) c.pulses_per_degree = t.inform->pulses_per_degree, c.speed_unit = t.inform->speed_unit, keep("inform", t.inform->rest);
   if (t.beckhoff) c.orientation = t.beckhoff->orientation, c.kinematic_id = t.beckhoff->kinematic_id, keep("beckhoff", t.beckhoff->rest);
+  if (t.nci) keep("nci", t.nci->rest);
+  if (t.ur) keep("ur", t.ur->rest);
   return c;
 }
 

@@ -72,7 +72,8 @@ struct Words<OrientationMode> {
 };
 template <>
 struct Words<Language> {
-  static constexpr WordList<Language, 3> list{{{"krl", Language::krl}, {"inform", Language::inform}, {"beckhoff", Language::beckhoff}}};
+  static constexpr WordList<Language, 5> list{
+      {{"krl", Language::krl}, {"inform", Language::inform}, {"beckhoff", Language::beckhoff}, {"nci", Language::nci}, {"ur", Language::ur}}};
 };
 template <>
 struct Words<SpeedUnit> {

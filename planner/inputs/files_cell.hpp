@@ -137,17 +137,27 @@ struct BeckhoffText {
     v.rest(s.rest, "further values of the dialect, as text");
   }
 };
+struct FurtherDialectText {  // a dialect of which every value is kept as text
+  std::map<std::string, std::string> rest;
+  template <class S, class V>
+  static void fields(S& s, V& v) {
+    v.rest(s.rest, "values of the dialect, as text");
+  }
+};
 struct ControllerText {
   Language language = Language::krl;
   std::optional<KrlText> krl;
   std::optional<InformText> inform;
   std::optional<BeckhoffText> beckhoff;
+  std::optional<FurtherDialectText> nci, ur;
   template <class S, class V>
   static void fields(S& s, V& v) {
     v("language", s.language, {.doc = "the controller's language; --post asks for others"});
     v("krl", s.krl, {.is_optional = true, .doc = "what KRL must not guess"});
     v("inform", s.inform, {.is_optional = true, .doc = "what INFORM must not guess"});
     v("beckhoff", s.beckhoff, {.is_optional = true, .doc = "what Beckhoff CNC must not guess"});
+    v("nci", s.nci, {.is_optional = true, .doc = "what Beckhoff NC I must not guess"});
+    v("ur", s.ur, {.is_optional = true, .doc = "what UR script must not guess"});
   }
 };
 struct CutterText {

@@ -213,7 +213,7 @@ int run_order(const std::string& text) {
   options.inputs.today = order.at("today");
   options.code_tag = order.at("code_tag");
   for (const Json& l : order.at("languages"))
-    for (const Language language : {Language::krl, Language::inform, Language::beckhoff})
+    for (const Language language : kLanguages)
       if (name_of(language) == l.get<std::string>()) options.languages.push_back(language);
   events = order.at("events");
   const auto tell = [&](const StageEvent& event) {

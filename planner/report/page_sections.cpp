@@ -52,7 +52,15 @@ std::string gauge(const Refusal& r) {
       from, std::max(2.0, to - from), x(r.limit), x(r.limit), shown_short(r.measured), escaped(r.unit), shown_short(r.limit), escaped(r.unit));
 }
 
-std::string language_title(const Language l) { return l == Language::krl ? "KUKA KRL" : l == Language::inform ? "Yaskawa INFORM" : "Beckhoff CNC"; }
+std::string language_title(const Language l) {
+  switch (l) {
+    case Language::krl: return "KUKA KRL";
+    case Language::inform: return "Yaskawa INFORM";
+    case Language::beckhoff: return "Beckhoff CNC";
+    case Language::nci: return "Beckhoff NC I";
+    default: return std::string(name_of(l));
+  }
+}
 
 }  // namespace
 
