@@ -41,6 +41,13 @@ struct Post {
   double joint_speed_step_ratio;  // last printed digit of a joint move's speed
   double spindle_step_ratio;      // of the spindle speed, of max_rpm
   double time_step_s, blend_step_mm;
+  /// What the dialect can say besides; who plans for it cuts, straightens or keeps straight what it cannot.
+  enum class Arcs { anywhere, in_planes_of_the_frame, in_planes_of_base };
+  Arcs arcs = Arcs::anywhere;
+  bool has_path_events = false;  // outputs at a place on the path
+  bool has_rounding = true;      // without it every point is passed exactly
+  bool has_splines = true, has_equipment = true;
+  bool is_in_base = false;       // prints its points in base, whatever frame was set
 };
 
 const std::vector<Post>& posts();

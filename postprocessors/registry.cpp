@@ -3,6 +3,7 @@
 #include "postprocessors/beckhoff/beckhoff.hpp"
 #include "postprocessors/inform/inform.hpp"
 #include "postprocessors/krl/krl.hpp"
+#include "postprocessors/nci/nci.hpp"
 #include "postprocessors/post.hpp"
 
 namespace asbuilt {
@@ -27,11 +28,13 @@ JointVector pulse_step(const PostContext& context) {
 const std::vector<Post>& posts() {
   static const std::vector<Post> table = {
       {Language::krl, "KUKA KRL (KRC2, KRC4)", ".src", 0.001, kAngleStep_rad, 0.001, krl::write, krl::read, krl::lint, degree_step, 0.01, 1e-5,
-       0.001, 0.001},
+       0.001, 0.001, Post::Arcs::anywhere, true},
       {Language::inform, "Yaskawa INFORM (DX, YRC)", ".JBI", 0.001, kAngleStep_rad, 0.1, inform::write, inform::read, inform::lint, pulse_step, 1e-4,
        1e-4, 0.01, 0.1},
       {Language::beckhoff, "Beckhoff TwinCAT CNC", ".nc", 0.001, kAngleStep_rad, 0.01 / 60, beckhoff::write, beckhoff::read, beckhoff::lint,
-       degree_step, 1e-5, 1e-4, 0.001, 0.001},
+       degree_step, 1e-5, 1e-4, 0.001, 0.001, Post::Arcs::in_planes_of_the_frame},
+      {Language::nci, "Beckhoff TwinCAT NC I", ".nc", 0.001, kAngleStep_rad, 0.01 / 60, nci::write, nci::read, nci::lint, degree_step, 1e-5, 1e-4,
+       0.001, 0.001, Post::Arcs::in_planes_of_base, false, false, false, true, true},
   };
   return table;
 }

@@ -226,7 +226,7 @@ struct Checker {
     if (tool && tool->spindle.output == o.output)
       bad("post.output", "output " + std::to_string(o.output) + " switches the spindle; use SpindleOn and SpindleOff", o.output);
     if (!limits.has_path_events)
-      bad("post.trigger", "this controller fires outputs at points only; cut the path at that place (the option that shapes a program does it)", o.path_mm, 0, "mm");
+      bad("post.trigger", "this controller fires outputs at points only; cut the path at that place", o.path_mm, 0, "mm");
     if (!std::isfinite(o.path_mm) || std::abs(o.path_mm) < 0.001)
       return bad("post.trigger", "a place on the path is a distance from the start (above 0) or the end (below 0) of the next motion", 0, 0.001, "mm");
     std::size_t k = at + 1, more = 0;

@@ -170,8 +170,9 @@ void check_clearance(Verdict& v, const CellSpec& cell, const Arm& arm, const Pro
   if (part != nullptr) all.push_back(part);
   std::vector<PairRule> held_rules, link_rules, self_rules, cutter_rules, rapid_rules;
   for (const Standing* s : all) {
-    for (const Body& b : held) held_rules.push_back({&b, s, limits.clearance_mm, false});
-    for (const Body& b : links) link_rules.push_back({&b, s, limits.clearance_mm, false});
+    const double least = limits.clearance_mm + (s == part ? limits.part_margin_mm : 0.0);
+    for (const Body& b : held) held_rules.push_back({&b, s, least, false});
+    for (const Body& b : links) link_rules.push_back({&b, s, least, false});
   }
   for (const Standing& s : own) {
     for (const Body& b : held) self_rules.push_back({&b, &s, limits.self_mm, false});

@@ -12,6 +12,7 @@ namespace asbuilt::verifying {
 /// What the verifier insists on. Numbers of the cell and the recipe come on top.
 struct Limits {
   double clearance_mm = 1.0;         // tool, sensors and links from everything
+  double part_margin_mm = 0;         // on top, from the part: how far the real one may leave the drawing where it lies
   double cutter_fixture_mm = 0.5;    // the cutter from fixture and obstacles
   double rapid_part_mm = 0.3;        // the cutter from part and burr where it does not cut
   double self_mm = 1.0;              // tool and sensors from the arm

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What was read back against what was planned. Comments say nothing to the machine and are left out. Frames are compared by
+// What was read back against what was planned. Remarks say nothing to the machine: only what they say together is compared. Frames are compared by
 // themselves: a dialect may say the frame later, or write its points in base; the points themselves are compared in base.
 #include <algorithm>
 #include <cmath>
@@ -13,8 +13,8 @@ namespace {
 using namespace verifying;
 
 struct Worst {
-  double position_mm = 0, angle_rad = 0, joint_rad = 0, speed_mm_s = 0, ratio = 0, rpm = 0, time_s = 0, looser_mm = 0, trigger_mm = 0, arc_mm = 0;
-  int position_at = -1, angle_at = -1, joint_at = -1, speed_at = -1, ratio_at = -1, rpm_at = -1, time_at = -1, looser_at = -1, trigger_at = -1, arc_at = -1;
+  double position_mm = 0, angle_rad = 0, joint_rad = 0, speed_mm_s = 0, ratio = 0, rpm = 0, time_s = 0, looser_mm = 0, tighter_mm = 0, trigger_mm = 0, arc_mm = 0;
+  int position_at = -1, angle_at = -1, joint_at = -1, speed_at = -1, ratio_at = -1, rpm_at = -1, time_at = -1, looser_at = -1, tighter_at = -1, trigger_at = -1, arc_at = -1;
   double events = 0;
   int events_at = -1;
 };
@@ -44,6 +44,7 @@ void compare_blend(Worst& w, bool exact_a, double a, bool exact_b, double b, int
   // a program may stop where the plan allows rounding, never round more than planned
   const double planned = exact_a ? 0 : a, read = exact_b ? 0 : b;
   raise(w.looser_mm, w.looser_at, read - planned, i);
+  raise(w.tighter_mm, w.tighter_at, planned - read, i);
 }
 
 void compare_one(Worst& w, const Instruction& a, const Instruction& b, int i, const Vec3& p_before) {
@@ -97,6 +98,25 @@ std::vector<const Instruction*> spoken(const Program& p) {
   return out;
 }
 
+/// What header and remarks say together, without blanks: a dialect may cut a remark, and writes another character for one it lacks.
+std::string remarks_of(const Program& p) {
+  std::string text;
+  const auto add = [&](const std::string& s) {
+    for (char x : s) {
+      if (x == '{' || x == '(') x = '[';
+      if (x == '}' || x == ')') x = ']';
+      if (x == '|' || x == '\\') x = '/';
+      if (x == '^') x = '*';
+      if (x == '`') x = '\'';
+      if (x != ' ') text += x;
+    }
+  };
+  for (const std::string& h : p.header) add(h);
+  for (const Instruction& i : p.instructions)
+    if (const auto* c = std::get_if<Comment>(&i)) add(c->text);
+  return text;
+}
+
 /// Every frame read back is one of the planned ones, turned by right angles at most, or base.
 void compare_frames(Worst& w, const Program& planned, const Program& read_back) {
   for (std::size_t i = 0; i < read_back.instructions.size(); ++i) {
@@ -125,7 +145,8 @@ double verifying::turn_but_right_angles_rad(const Eigen::Quaterniond& a, const E
   return quat_log(Eigen::Quaterniond(Mat3(nearest.transpose() * R)).normalized()).norm();
 }
 
-Verdict compare_programs(const Program& planned, const Program& read_back, double position_step_mm, double angle_step_rad, double speed_step_mm_s) {
+Verdict compare_programs(const Program& planned, const Program& read_back, double position_step_mm, double angle_step_rad, double speed_step_mm_s,
+                         double joint_step_rad, double blend_step_mm) {
   Verdict v;
   const auto a = spoken(planned), b = spoken(read_back);
   add_check(v, "compare.count", static_cast<double>(b.size()), static_cast<double>(a.size()), "count", a.size() == b.size(), "");
@@ -155,8 +176,8 @@ Verdict compare_programs(const Program& planned, const Program& read_back, doubl
   // the circle through three rounded points is off by more than they are; a dialect with a centre may name another point of it
   add_check(v, "compare.arc", w.arc_mm, 5 * position, "mm", w.arc_mm <= 5 * position, place(w.arc_at));
   add_check(v, "compare.orientation", deg_from_rad(w.angle_rad), deg_from_rad(angle), "deg", w.angle_rad <= angle, place(w.angle_at));
-  add_check(v, "compare.joints", deg_from_rad(w.joint_rad), std::max(deg_from_rad(angle), 5.5e-4), "deg",
-            deg_from_rad(w.joint_rad) <= std::max(deg_from_rad(angle), 5.5e-4), place(w.joint_at));
+  const double joint_deg = joint_step_rad > 0 ? deg_from_rad(0.5001 * joint_step_rad) + 1e-7 : 5.5e-4;
+  add_check(v, "compare.joints", deg_from_rad(w.joint_rad), joint_deg, "deg", deg_from_rad(w.joint_rad) <= joint_deg, place(w.joint_at));
   const double speed = 0.5 * speed_step_mm_s + 1e-6;
   add_check(v, "compare.speed", w.speed_mm_s, speed, "mm/s", w.speed_mm_s <= speed, place(w.speed_at));
   add_check(v, "compare.joint_speed", w.ratio, 0.0051, "ratio", w.ratio <= 0.0051, place(w.ratio_at));
@@ -165,6 +186,10 @@ Verdict compare_programs(const Program& planned, const Program& read_back, doubl
   add_check(v, "compare.events", w.events, 0, "count", w.events == 0, place(w.events_at));
   add_check(v, "compare.trigger", w.trigger_mm, 0.051, "mm", w.trigger_mm <= 0.051, place(w.trigger_at));
   add_check(v, "compare.blend", w.looser_mm, 0.051, "mm", w.looser_mm <= 0.051, place(w.looser_at));
+  if (blend_step_mm > 0)
+    add_check(v, "compare.blend_kept", w.tighter_mm, 0.5 * blend_step_mm + 1e-6, "mm", w.tighter_mm <= 0.5 * blend_step_mm + 1e-6, place(w.tighter_at));
+  const bool is_same_text = remarks_of(planned) == remarks_of(read_back);
+  add_check(v, "compare.remarks", is_same_text ? 0 : 1, 0, "count", is_same_text, "");
   v.path_error_max_mm = w.position_mm;
   v.points_count = b.size();
   return v;

@@ -35,6 +35,18 @@ std::vector<Standing> obstacles_of(const CellSpec& cell) {
   return out;
 }
 
+/// How far the real part may be from the drawing where it lies: the greatest deviation seen on an edge with three times its sigma. At most
+/// half a millimetre: what is beyond that the planner has kept clear of by its 3 mm from the part as it was scanned.
+double part_margin_mm(const Features& features) {
+  double margin = 0;
+  for (const AdaptedEdge& e : features.edges)
+    for (std::size_t i = 0; i < e.adapted.size() && i < e.nominal.size(); ++i) {
+      const double sigma = i < e.sigma_mm.size() ? e.sigma_mm[i] : 0.0, off = (e.adapted[i] - e.nominal[i]).norm() + 3 * sigma;
+      if (std::isfinite(off)) margin = std::max(margin, std::min(0.5, off));
+    }
+  return margin;
+}
+
 bool is_finite(const Program& p) {
   const auto pose_ok = [](const auto& T) { return T.p_mm.allFinite() && T.q.coeffs().allFinite() && std::abs(T.q.norm() - 1) < 1e-6; };
   for (const Instruction& i : p.instructions) {
@@ -79,7 +91,8 @@ Verdict verify_program(const CellSpec& cell, const Program& program) {
 
 Verdict verify_item(const Job& job, const Location& location, const Features& features, const Burrs& burrs, const ToolPath& path, const Program& program) {
   Verdict v;
-  const Limits limits;
+  Limits limits;
+  limits.part_margin_mm = part_margin_mm(features);
   add_check(v, "numbers", is_finite(program) ? 0 : 1, 0, "count", is_finite(program), "program " + program.name);
   if (!v.checks.back().is_passed) return v;
   double feed_max = 0;

@@ -25,7 +25,9 @@ Verdict verify_item(const Job& job, const Location& location, const Features& fe
 Verdict verify_inspection(const Job& job, const Location& location, const Inspection& inspection, const Program& program);
 
 /// What was read back against what was planned: every target, orientation, speed, event, in order; to half the last printed digit.
+/// `joint_step_rad`: the last printed digit of a joint where it is coarser than 0.001 degree (pulses). `blend_step_mm`: that of a rounding
+/// distance; 0 where the dialect may round less than planned.
 Verdict compare_programs(const Program& planned, const Program& read_back, double position_step_mm, double angle_step_rad,
-                         double speed_step_mm_s);
+                         double speed_step_mm_s, double joint_step_rad = 0, double blend_step_mm = 0);
 
 }  // namespace asbuilt

@@ -328,7 +328,7 @@ struct Writer {
 Result<ProgramText> write(const Program& program, const PostContext& context) {
   const ControllerSpec& c = context.cell.controller;
   Refusals faults = check(program, context, {.name_length = 60, .speed_min_mm_s = 0.01, .speed_max_mm_s = 3000, .wait_min_s = 0.001, .wait_max_s = 3600});
-  check_options(context, "beckhoff", {"output.", "rapid_mm_s", "coolant", "arc.", "weave.", "recording", "tool_check.", "hsc_path_dev", "delivery", "path"}, faults);
+  check_options(context, "beckhoff", {"output.", "rapid_mm_s", "coolant", "arc.", "weave.", "recording", "tool_check.", "hsc_path_dev", "delivery", "path", "arcs"}, faults);
   bool has_path = false, has_spline = false;
   for (const Instruction& i : program.instructions) {
     has_spline |= std::holds_alternative<MoveSpline>(i);

@@ -10,7 +10,8 @@
 #include <set>
 
 #include "postprocessors/inform/inform.hpp"
-#include "postprocessors/reading.hpp"
+#include "postprocessors/inform/posture.hpp"
+#include "postprocessors/reading_arm.hpp"
 
 namespace asbuilt::inform {
 namespace {
@@ -23,6 +24,7 @@ struct Position {
   Pose<frame::Work, frame::Tool> T_work_tool;
   int user = -1;  // user frame number; -1: base
   int tool = 0;
+  std::vector<bool> flags;  // RCONF
   int uses = 0;
   Line line;
 };
@@ -52,6 +54,7 @@ class Reader {
     if (first.empty()) fail({}, "read.missing", "no .JBI file");
     build_.program.name = first;
     run(jobs_.at(first), true);
+    end_of_runs(jobs_.at(first).head);
     return std::move(build_.program);
   }
 
@@ -63,6 +66,8 @@ class Reader {
   std::map<int, Pose<frame::Base, frame::Work>> user_frames_;
   std::set<std::string> running_;
   std::optional<Position> last_;      // the last path target
+  ArmReader arm_{context_};
+  std::vector<bool> rconf_;           // the last flags above the positions
   int spline_points_ = 0;             // MOVS seen in the present run
   int during_ = -1;                   // index of the motion whose start the next events belong to (NWAIT); -1: none
   int weave_ = 0;
@@ -176,7 +181,8 @@ class Reader {
       } else if (s.accept("///RCONF")) {
         if (!is_rectan) s.unknown();
         int n = 0;
-        do s.expect_integer("an RCONF flag", 0, 1), ++n;
+        rconf_.clear();
+        do rconf_.push_back(s.expect_integer("an RCONF flag", 0, 1) == 1), ++n;
         while (s.accept(","));
         if (n != 24 && (n < 6 || n > 8)) fail(line, "read.range", "RCONF has 24 flags, or 6 to 8 on older controllers", n, 24);
         has_rconf = true;
@@ -286,6 +292,7 @@ class Reader {
         p.user = *user;
       }
       p.T_work_tool = {rotation(v), Vec3(v[0], v[1], v[2])};
+      p.flags = rconf_;
     }
     job.positions.emplace(expected, p);
   }
@@ -366,17 +373,44 @@ class Reader {
   }
 
   void joint(Scanner& s, const Position& p) {
-    if (!p.is_joint)
-      fail(s.line(), "read.movj_cartesian", "MOVJ to a Cartesian position is not read: its posture depends on the robot; use pulses");
+    const std::array<double, 6> q_deg = p.is_joint ? p.q_deg : posture(s.line(), p);
     s.expect("VJ"), s.expect("=");
     const double percent = s.expect_number("the speed");
     if (percent < 0.01 || percent > 100) fail(s.line(), "read.range", "VJ is not between 0.01 and 100", percent, 100, "%");
     exact(s);
     build_.set_tool(s.line(), p.tool);
-    build_.joint(s.line(), p.q_deg, percent / 100);
+    build_.joint(s.line(), q_deg, percent / 100);
     no_wait(s);
     end_of_runs(s.line());
     last_.reset();
+  }
+  /// MOVJ to a Cartesian position: the joint values with the flags of RCONF, as far as the controller regards them (S2C430 = 1).
+  std::array<double, 6> posture(const Line& line, const Position& p) {
+    const ToolSpec* tool = find_tool(line, p.tool);
+    const auto flip = machine("flip") == "b_axis" ? FlipRule::b_axis : FlipRule::r_axis;
+    if (p.flags.size() < 6) fail(line, "read.movj_cartesian", "MOVJ to a Cartesian position needs its six flags of RCONF");
+    const auto T = (p.user < 0 ? Pose<frame::Base, frame::Work>() : user_frames_.at(p.user)) * p.T_work_tool;
+    return arm_.one(line, T, *tool, [&](const std::array<double, 6>& q_deg) {
+      JointVector q{};
+      for (std::size_t i = 0; i < 6; ++i) q[i] = rad_from_deg(q_deg[i]);
+      const Posture x = posture_of(context_.cell.robot, q, flip);
+      const std::array<bool, 6> flags{x.is_no_flip, x.is_lower_arm, x.is_rear, x.is_r_beyond, x.is_t_beyond, x.is_s_beyond};
+      for (std::size_t i = 0; i < 6; ++i)
+        if (flags[i] != p.flags[i]) return false;
+      return true;
+    });
+  }
+  const ToolSpec* find_tool(const Line& line, int number) const {
+    for (const ToolSpec& t : context_.cell.tools)
+      if (t.number == number) return &t;
+    fail(line, "read.tool", "tool " + std::to_string(number) + " is not in the cell, so the path cannot be placed; add it to cell.yaml", number);
+  }
+  /// A path motion to pulses goes where the arm has the tool with them.
+  Position on_path(const Line& line, Position p) {
+    if (!p.is_joint) return p;
+    p.T_work_tool = Pose<frame::Work, frame::Tool>(Pose<frame::Work, frame::Base>() * arm_.tool_at(p.q_deg, *find_tool(line, p.tool)));
+    p.user = -1, p.is_joint = false;
+    return p;
   }
   /// NWAIT: the events on the next lines run as this motion begins, so they stand before it in the program.
   void no_wait(Scanner& s) { during_ = s.accept("NWAIT") ? static_cast<int>(build_.program.instructions.size()) - 1 : -1; }
@@ -391,15 +425,15 @@ class Reader {
   }
   /// A run of MOVC or MOVS ends here.
   void end_of_runs(const Line& line) {
-    if (arc_points_ > 0 && arc_points_ % 2 == 0) fail(line, "read.arc", "a run of MOVC needs start, middle and end");
+    if (arc_points_ == 1 || (arc_points_ > 0 && arc_points_ % 2 == 0)) fail(line, "read.arc", "a run of MOVC needs start, middle and end");
     if (spline_points_ > 0 && spline_points_ < 3) fail(line, "read.spline", "a run of MOVS needs three points and more", spline_points_, 3, "points");
     arc_points_ = spline_points_ = 0;
   }
-  void spline(Scanner& s, const Position& p) {
+  void spline(Scanner& s, const Position& as_written) {
     const Line line = s.line();
-    if (arc_points_ > 0 && arc_points_ % 2 == 0) fail(line, "read.arc", "a run of MOVC needs start, middle and end");
+    const Position p = on_path(line, as_written);
+    if (arc_points_ == 1 || (arc_points_ > 0 && arc_points_ % 2 == 0)) fail(line, "read.arc", "a run of MOVC needs start, middle and end");
     arc_points_ = 0;
-    if (p.is_joint) fail(line, "read.path_pulses", "a path motion to pulses is not read: its place depends on the robot; use Cartesian positions");
     s.expect("V"), s.expect("=");
     const double speed = path_speed(s);
     const double blend = corner(s);
@@ -455,9 +489,9 @@ class Reader {
     build_.set_frame(line, p.user < 0 ? Pose<frame::Base, frame::Work>() : user_frames_.at(p.user));
   }
 
-  void line_or_arc(Scanner& s, const Position& p, bool is_arc) {
+  void line_or_arc(Scanner& s, const Position& as_written, bool is_arc) {
     const Line line = s.line();
-    if (p.is_joint) fail(line, "read.path_pulses", "a path motion to pulses is not read: its place depends on the robot; use Cartesian positions");
+    const Position p = on_path(line, as_written);
     s.expect("V"), s.expect("=");
     const double speed = path_speed(s);
     const double blend = corner(s);
@@ -466,7 +500,7 @@ class Reader {
     const bool is_arc_end = s.accept("FPT");
     if (is_arc_end && (!is_arc || arc_points_ % 2 == 1)) fail(line, "read.unknown", "FPT belongs to the end of an arc");
     if (!is_arc) {
-      if (arc_points_ > 0 && arc_points_ % 2 == 0) fail(line, "read.arc", "a run of MOVC needs start, middle and end");
+      if (arc_points_ == 1 || (arc_points_ > 0 && arc_points_ % 2 == 0)) fail(line, "read.arc", "a run of MOVC needs start, middle and end");
       arc_points_ = 0;
       frame_of(line, p);
       build_.linear(line, p.T_work_tool, speed, blend);

@@ -7,7 +7,7 @@
 #include <set>
 
 #include "postprocessors/krl/krl.hpp"
-#include "postprocessors/reading.hpp"
+#include "postprocessors/reading_arm.hpp"
 
 namespace asbuilt::krl {
 namespace {
@@ -45,6 +45,7 @@ class Reader {
   const ProgramText& text_;
   const PostContext& context_;
   Builder build_;
+  ArmReader arm_{context_};
   std::map<std::string, Module> modules_;
   std::vector<std::string> order_;
   std::string original_name_;
@@ -586,16 +587,16 @@ class Reader {
   // ---------------------------------------------------------------- motions
   void joint(Scanner& s) {
     const Components c = value(s, "the position");
-    if (c.count("X"))
-      fail(s.line(), "read.ptp_cartesian", "PTP to a Cartesian target is not read: its posture depends on the robot; use axis values");
     std::array<double, 6> q{};
-    for (int i = 0; i < 6; ++i) {
+    const bool is_cartesian = c.count("X") > 0;
+    if (is_cartesian) q = posture(s.line(), c);
+    for (int i = 0; i < 6 && !is_cartesian; ++i) {
       const std::string k = "A" + std::to_string(i + 1);
       if (!c.count(k)) fail(s.line(), "read.missing", "the target lacks " + k);
       q[i] = c.at(k);
     }
     for (const auto& [k, v] : c)
-      if (k[0] == 'E' ? v != 0 : k[0] != 'A' || k.size() != 2)
+      if (is_cartesian ? k[0] == 'E' && v != 0 : k[0] == 'E' ? v != 0 : k[0] != 'A' || k.size() != 2)
         fail(s.line(), "read.unknown", "component " + k + " has no meaning here (external axes must be 0)", v);
     for (int i = 0; i < 6; ++i)
       if (!percent_[i] || *percent_[i] != *percent_[0])
@@ -605,6 +606,22 @@ class Reader {
     build_.joint(s.line(), q, *percent_[0] / 100.0);
     now_.clear();
     moved();
+  }
+  /// PTP to a frame: the joint values by status and turn. T holds the signs of all axes; of S the wrist in front or behind (bit 0) and the
+  /// sign of A5 (bit 2) are used, which documents agree about; the elbow (bit 1) is left to T and to the limits, or the target is refused.
+  std::array<double, 6> posture(const Line& line, const Components& c) {
+    if (!build_.tool() || !build_.has_frame()) fail(line, "read.order", "a PTP to a frame before tool and base are chosen");
+    for (const char* k : {"X", "Y", "Z", "A", "B", "C"})
+      if (!c.count(k)) fail(line, "read.missing", std::string("the target lacks ") + k);
+    if (!c.count("S") || !c.count("T"))
+      fail(line, "read.ptp_cartesian", "a PTP to a frame without S and T keeps a posture that the text does not say; give both, or axis values");
+    const int status = static_cast<int>(get(c, "S")), turn = static_cast<int>(get(c, "T"));
+    if (get(c, "S") != status || get(c, "T") != turn || status < 0 || (status & ~16) > 7 || turn < 0 || turn > 63) fail(line, "read.range", "S is 0 to 7 and T 0 to 63", get(c, "S"), 7);
+    return arm_.one(line, build_.T_base_work() * pose_of<frame::Work>(c), *build_.tool(), [&](const std::array<double, 6>& q) {
+      for (std::size_t i = 0; i < 6; ++i)
+        if ((q[i] < -1e-4) != ((turn >> i & 1) != 0) && std::abs(q[i]) > 1e-4) return false;
+      return (q[4] < 0) == ((status & 4) != 0);
+    });
   }
   Components cartesian(Scanner& s) {
     Components c = value(s, "the position");

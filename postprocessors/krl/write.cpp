@@ -233,7 +233,7 @@ void equip(Machine& machine, const Program& program, const PostContext& context,
 
 Result<ProgramText> write(const Program& program, const PostContext& context) {
   Refusals faults = check(program, context, {.name_length = 24, .speed_min_mm_s = 0.01, .speed_max_mm_s = 2000, .wait_max_s = 3600, .has_path_events = true});
-  check_options(context, "krl", {"version", "motion", "tool", "max_lines", "delivery", "cell", "coolant", "arc", "weave", "recording", "tool_check", "path"}, faults);
+  check_options(context, "krl", {"version", "motion", "tool", "max_lines", "delivery", "cell", "coolant", "arc", "weave", "recording", "tool_check", "path", "arcs"}, faults);
   Machine machine;
   const auto choose = [&](const char* key, const char* usual, const char* other, bool& is_other) {
     const std::string value = option(context, key).value_or(usual);

@@ -65,6 +65,7 @@ TEST(PostSecondOpinion, foreign_readers_see_the_same_motions) {
     }
     const fs::path folder = work / std::to_string(seed);
     for (const Post& post : posts()) {
+      if (post.language != Language::krl && post.language != Language::inform && post.language != Language::beckhoff) continue;  // those the foreign readers know
       const auto text = post.write(p, context);
       ASSERT_TRUE(text) << text_of(text.error());
       fs::create_directories(folder / name_of(post.language));

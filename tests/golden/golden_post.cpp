@@ -75,6 +75,17 @@ Program program_of(const YAML::Node& n, const PostContext& context) {
           p.instructions.emplace_back(SpindleOn{i["spindle"].as<double>()});
       } else if (i["output"]) {
         p.instructions.emplace_back(SetOutput{i["output"].as<int>(), i["value"].as<bool>()});
+      } else if (i["spline"]) {
+        p.instructions.emplace_back(MoveSpline{pose_of<frame::Tool>(i["spline"], T_base_work), speed});
+      } else if (i["output_at"]) {
+        p.instructions.emplace_back(OutputOnPath{i["output_at"].as<int>(), i["value"].as<bool>(), i["path"].as<double>()});
+      } else if (i["on"] || i["off"]) {
+        const std::string what = i[i["on"] ? "on" : "off"].as<std::string>();
+        for (const Equipment e : {Equipment::coolant, Equipment::arc, Equipment::weave, Equipment::recording, Equipment::tool_check}) {
+          if (name_of(e) != what) continue;
+          if (i["on"]) p.instructions.emplace_back(SwitchOn{e, i["data"].as<int>(0)});
+          else p.instructions.emplace_back(SwitchOff{e, i["data"].as<int>(0)});
+        }
       } else if (i["wait"]) {
         p.instructions.emplace_back(Wait{i["wait"].as<double>()});
       } else {
@@ -143,7 +154,7 @@ int run(const fs::path& folder, const fs::path& actual) {
     const auto back = post->read(*text, context);
     if (!back) return std::cerr << name << ": the emitted text is not read back\n" << support::text_of(back.error()), 1;
     const std::string d = support::difference(program, *back, support::tolerance_of(*post, context),
-                                              post->language == Language::inform && !context.cell.controller.options.count("inform.user_frame"));
+                                              support::prints_in_base(*post, context));
     if (!d.empty()) return std::cerr << name << ": the emitted text says something else: " << d << "\n", 1;
     for (const Check& c : post->lint(*text, context))
       if (!c.is_passed) return std::cerr << name << ": " << c.name << " " << c.where << "\n", 1;

@@ -79,7 +79,7 @@ Program random_program(std::uint64_t seed, const ProgramMix& mix) {
   tool(0);
   Pose<frame::Base, frame::Work> T_base_work;
   const auto frame = [&] {
-    T_base_work = {random_rotation(r), Vec3(r.uniform(-1500, 1500), r.uniform(-1500, 1500), r.uniform(-200, 1500))};
+    T_base_work = {mix.is_upright ? Eigen::Quaterniond::Identity() : random_rotation(r), Vec3(r.uniform(-1500, 1500), r.uniform(-1500, 1500), r.uniform(-200, 1500))};
     out.emplace_back(SetFrame{T_base_work});
   };
   frame();
@@ -93,14 +93,14 @@ Program random_program(std::uint64_t seed, const ProgramMix& mix) {
   const auto home = [&] { out.emplace_back(MoveJoint{context.cell.robot.home_rad, 0.3}); };
   home();
   Vec3 p_work = Vec3::Zero();
-  Eigen::Quaterniond q_work;
+  Eigen::Quaterniond q_work, q_section;
   bool was_blended = false;
   const auto pose = [&](const Vec3& point, const Eigen::Quaterniond& q) { return T_base_work * Pose<frame::Work, frame::Tool>(q, point); };
   const auto line = [&](bool must_stop) {
     MoveLinear m;
     p_work += Vec3(r.normal(), r.normal(), r.normal()) * 20;
     if (r.below(10) == 0) p_work[static_cast<int>(r.below(3))] = -1e-5;  // prints as zero, never as -0
-    q_work = (q_work * quat_exp(Vec3(r.normal(), r.normal(), r.normal()) * 0.05)).normalized();
+    q_work = ((mix.is_upright ? q_section : q_work) * quat_exp(Vec3(r.normal(), r.normal(), r.normal()) * 0.05)).normalized();  // an upright tool does not wander off
     m.T_base_tool = pose(p_work, q_work);
     m.speed_mm_s = r.uniform(0.5, 200);
     m.is_exact = must_stop || r.below(2) == 0;
@@ -181,7 +181,8 @@ Program random_program(std::uint64_t seed, const ProgramMix& mix) {
     out.emplace_back(SpindleOn{std::round(r.uniform(1000, 15000))});
     out.emplace_back(Wait{1.5});
     p_work = Vec3(r.uniform(-300, 300), r.uniform(-300, 300), r.uniform(-300, 300));
-    q_work = random_rotation(r);
+    q_work = mix.is_upright ? quat_from_zyx(r.uniform(-1.2, 1.2), r.uniform(-0.7, 0.7), r.uniform(-1.2, 1.2)) : random_rotation(r);
+    q_section = q_work;
     line(true);
     for (int i = 0; i < mix.points; ++i) {
       const bool is_last = i + 1 == mix.points;
@@ -203,6 +204,17 @@ Program random_program(std::uint64_t seed, const ProgramMix& mix) {
   return p;
 }
 
+ProgramMix mix_for(const Post& post, ProgramMix mix) {
+  if (post.arcs == Post::Arcs::in_planes_of_base) mix.is_upright = true;
+  mix.has_splines &= post.has_splines;
+  mix.has_equipment &= post.has_equipment;
+  mix.has_triggers &= post.has_path_events;
+  return mix;
+}
+bool prints_in_base(const Post& post, const PostContext& context) {
+  return post.is_in_base || (post.language == Language::inform && !context.cell.controller.options.count("inform.user_frame"));
+}
+
 Tolerance tolerance_of(const Post& post, const PostContext& context) {
   Tolerance t;
   const double slack = 1.0001;
@@ -215,7 +227,8 @@ Tolerance tolerance_of(const Post& post, const PostContext& context) {
   for (const ToolSpec& tool : context.cell.tools) max_rpm = std::max(max_rpm, tool.spindle.max_rpm);
   t.speed_ratio = post.joint_speed_step_ratio / 2 * slack;
   t.rpm = post.spindle_step_ratio * max_rpm / 2 * slack;
-  t.is_via_printed = post.language != Language::beckhoff;
+  t.is_via_printed = post.arcs == Post::Arcs::anywhere;
+  t.is_rounding_kept = post.has_rounding;
   t.time_s = post.time_step_s / 2 * slack;
   t.blend_mm = post.blend_step_mm / 2 * slack;
   return t;

@@ -22,9 +22,15 @@ struct ProgramMix {
   bool has_equipment = true;    // coolant, arc, weave, recording, tool check
   bool has_splines = true;
   bool has_triggers = false;    // outputs at a place on the path; not every dialect
+  bool is_upright = false;      // the tool's angles stay away from their wrap, arcs lie in planes of base
 };
 /// A program that every dialect can say; the same seed gives the same program.
 Program random_program(std::uint64_t seed, const ProgramMix& mix = {});
+
+/// The mix without what the dialect cannot say.
+ProgramMix mix_for(const Post& post, ProgramMix mix = {});
+/// Whether the dialect prints its points in base, whatever frame was set.
+bool prints_in_base(const Post& post, const PostContext& context);
 
 /// A rotation drawn evenly; one in eight has an axis turned by a multiple of 90 degrees (poles of the angle conventions).
 Eigen::Quaterniond random_rotation(Random& random);

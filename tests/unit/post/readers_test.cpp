@@ -3,6 +3,8 @@
 // programs that must be refused, each with its code and line.
 #include <gtest/gtest.h>
 
+#include "planner/base/number.hpp"
+#include "planner/verify/arm.hpp"
 #include "tests/support/post_programs.hpp"
 
 namespace asbuilt {
@@ -158,7 +160,7 @@ TEST(PostReaders, beckhoff_arcs_beyond_half_a_turn_become_several) {
 
 TEST(PostReaders, tools_written_out_are_found_in_the_cell) {
   const PostContext context = post_context();
-  auto text = find_post(Language::krl)->write(random_program(2, {.has_two_tools = false}), context);
+  auto text = find_post(Language::krl)->write(random_program(2, {.has_two_tools = false, .has_equipment = false}), context);
   ASSERT_TRUE(text);
   std::string& s = text->files[0].bytes;
   const std::string line = "$TOOL=TOOL_DATA[1]";
@@ -169,11 +171,48 @@ TEST(PostReaders, tools_written_out_are_found_in_the_cell) {
   EXPECT_EQ(std::get<SetTool>(p->instructions[0]).number, 1);
 }
 
+/// Every posture of the arm, said by S and T, comes back; without them, or with signs that no posture has, the target is refused.
+TEST(PostReaders, ptp_to_a_frame_takes_the_posture_of_status_and_turn) {
+  const PostContext context = post_context();
+  Random r(5);
+  int read = 0, ambiguous = 0;
+  for (int n = 0; n < 30; ++n) {
+    JointVector q{};
+    for (std::size_t i = 0; i < 6; ++i) {
+      const JointSpec& j = context.cell.robot.joints[i];
+      q[i] = r.uniform(0.9 * j.min_rad, 0.9 * j.max_rad);
+    }
+    if (std::abs(q[4]) < 0.1) q[4] = 0.5;
+    const Eigen::Isometry3d T = verifying::Arm(context.cell.robot).flange(q) * context.cell.tools[0].T_flange_tool.matrix();
+    const Mat3 R = T.linear();
+    const double cos_b = std::hypot(R(0, 0), R(1, 0));
+    int turn = 0;
+    for (std::size_t i = 0; i < 6; ++i) turn |= q[i] < 0 ? 1 << i : 0;
+    const auto text = [](double v) { return fixed_number(v, 6); };
+    const std::string target = "{X " + text(T.translation().x()) + ",Y " + text(T.translation().y()) + ",Z " + text(T.translation().z()) + ",A " + text(deg_from_rad(std::atan2(R(1, 0), R(0, 0)))) + ",B " +
+                               text(deg_from_rad(std::atan2(-R(2, 0), cos_b))) + ",C " + text(deg_from_rad(std::atan2(R(2, 1), R(2, 2)))) + ",S " + std::to_string(2 + (q[4] < 0 ? 4 : 0)) + ",T " +
+                               std::to_string(turn) + "}";
+    const std::string src = "&ACCESS RVP\r\nDEF A( )\r\n$TOOL=TOOL_DATA[1]\r\n$BASE=$NULLFRAME\r\nBAS(#VEL_PTP,50)\r\nPTP " + target + "\r\nEND\r\n";
+    const auto p = find_post(Language::krl)->read({Language::krl, {{"A.src", src}}}, context);
+    if (!p) {
+      const std::string code = p.error().front().code;  // never another posture: refused where it is not the only one, or was not found
+      EXPECT_TRUE(code == "read.ambiguous" || code == "read.posture") << text_of(p.error());
+      ++ambiguous;
+      continue;
+    }
+    ++read;
+    const MoveJoint m = std::get<MoveJoint>(motions(*p).front());
+    for (std::size_t i = 0; i < 6; ++i) EXPECT_NEAR(m.q_rad[i], q[i], 1e-4) << n << " joint " << i + 1 << " " << target;
+  }
+  EXPECT_GE(read, 20) << ambiguous;
+}
+
 struct Bad {
   Language language;
   const char* code;
   const char* from;
   const char* to;
+  const char* file = "";  // "+": a second file; otherwise an ending that the last file gets
 };
 const Bad kBad[] = {
     {Language::krl, "read.unknown", "  ;FOLD PROGRAM", "  FOR I=1 TO 3"},
@@ -190,7 +229,14 @@ const Bad kBad[] = {
     {Language::krl, "read.undefined", "  ;FOLD PROGRAM", "  LIN XP9"},
     {Language::krl, "read.undefined", "  BAS (#VEL_PTP,30)\r\n", ""},
     {Language::krl, "read.order", "  ;FOLD PROGRAM", "  $VEL.CP=0.1\r\n  LIN {X 1,Y 1,Z 1,A 1,B 1,C 1}"},
-    {Language::krl, "read.ptp_cartesian", "  PTP {A1", "  PTP {X 1,Y 1,Z 1,A 1,B 1,C 1,S 2,T 2}\r\n  PTP {A1"},
+    {Language::krl, "read.ptp_cartesian", "  PTP {A1", "  PTP {X 1,Y 1,Z 1,A 1,B 1,C 1}\r\n  PTP {A1"},
+    {Language::krl, "read.posture", "  PTP {A1", "  PTP {X 9000,Y 1,Z 1,A 1,B 1,C 1,S 2,T 2}\r\n  PTP {A1"},
+    {Language::krl, "read.spline", "  ;FOLD PROGRAM", "  SPLINE\r\n  ENDSPLINE"},
+    {Language::krl, "read.spline", "  ;FOLD PROGRAM", "  SPL {X 1,Y 1,Z 1,A 1,B 1,C 1}"},
+    {Language::krl, "read.spline", "  ;FOLD PROGRAM", "  SPLINE\r\n  WAIT SEC 1"},
+    {Language::krl, "read.trigger", "  LIN {", "  TRIGGER WHEN PATH=5 DELAY=0 DO $OUT[7]=TRUE\r\n  LIN {"},
+    {Language::krl, "read.trigger", "  LIN {", "  TRIGGER WHEN PATH=-5 DELAY=0 DO $OUT[5]=TRUE\r\n  LIN {"},
+    {Language::krl, "read.file", "&ACCESS RVP\r\n&REL 1\r\nDEFDAT", "", ".odd"},
     {Language::krl, "read.number", "$ADVANCE=3", "$ADVANCE=1e999"},
     {Language::krl, "read.range", "$ADVANCE=3", "$ADVANCE=3.5"},
     {Language::krl, "read.missing", "\r\nEND\r\n", "\r\n"},
@@ -208,8 +254,11 @@ const Bad kBad[] = {
     {Language::inform, "read.undefined", "///POSTYPE BASE", "///USER 7\r\n///POSTYPE USER"},
     {Language::inform, "read.order", "C00002=", "///POSTYPE BASE\r\nC00002="},
     {Language::inform, "read.missing", "END\r\n", ""},
-    {Language::inform, "read.path_pulses", "MOVJ C00000 VJ", "MOVL C00000 V"},
-    {Language::inform, "read.movj_cartesian", "MOVL C00002 V", "MOVJ C00002 VJ"},
+    {Language::inform, "read.order", "MOVJ C00000 VJ", "MOVL C00000 V"},
+    {Language::inform, "read.posture", "MOVL C00002 V", "MOVJ C00002 VJ"},
+    {Language::inform, "read.spline", "MOVL C00002 V", "MOVS C00002 V"},
+    {Language::inform, "read.arc", "MOVL C00003 V", "MOVC C00003 V"},
+    {Language::inform, "read.file", "", "", ".odd"},
     {Language::inform, "read.range", "PL=0", "PL=1"},
     {Language::inform, "read.call", "NOP\r\n", "NOP\r\nCALL JOB:ELSEWHERE\r\n"},
     {Language::beckhoff, "read.unknown", "G90 G71", "G91 G71"},
@@ -217,6 +266,24 @@ const Bad kBad[] = {
     {Language::beckhoff, "read.unknown", "M05", "$IF P1 > 2"},
     {Language::beckhoff, "read.unknown", "M05", "M77"},
     {Language::beckhoff, "read.unknown", "M05", "#HSC ON"},
+    {Language::beckhoff, "read.order", "#KIN ID [45]", "#KIN ID [45]\r\n#HSC ON [BSPLINE PATH_DEV=0.010]"},
+    {Language::beckhoff, "read.hsc", "#CS ON [1]", "#CS ON [1]\r\n#HSC ON [BSPLINE PATH_DEV=0.5]"},
+    {Language::beckhoff, "read.hsc", "#CS ON [1]", "#CS ON [1]\r\n#HSC ON [BSPLINE PATH_DEV=0.010]\r\n#CS OFF"},
+    {Language::beckhoff, "read.spline", "#CS ON [1]", "#CS ON [1]\r\n#HSC ON [BSPLINE PATH_DEV=0.010]\r\n#HSC OFF"},
+    {Language::beckhoff, "read.arc", "#CS ON [1]", "#CS ON [1]\r\nG17 G02 X0 Y0 Z0 A0 B0 C0 I1 J1 F100"},
+    {Language::beckhoff, "read.rapid", "#CS ON [1]", "#CS ON [1]\r\nG00 X0 Y0 Z0 A0 B0 C0"},
+    {Language::nci, "read.unknown", "G90 G71", "G91 G71"},
+    {Language::nci, "read.unknown", "M05", "#TRAFO ON"},
+    {Language::nci, "read.unknown", "M05", "M77"},
+    {Language::nci, "read.unknown", "M05", "((M05))"},
+    {Language::nci, "read.unknown", "M05", "R1=5"},
+    {Language::nci, "read.undefined", "G90 G71 G17", "G90 G17"},
+    {Language::nci, "read.tool", "T1 D1", "T1 D3"},
+    {Language::nci, "read.range", "N20 ", "N5 "},
+    {Language::nci, "read.missing", "M30", "M05"},
+    {Language::nci, "read.rapid", "N90 G01", "N90 G00"},
+    {Language::nci, "read.file", "", "", "+"},
+    {Language::nci, "read.missing", " Q3=0.0000", ""},
     {Language::beckhoff, "read.undefined", "G94 ", ""},
     {Language::beckhoff, "read.kinematic", "#KIN ID [45]", "#KIN ID [44]"},
     {Language::beckhoff, "read.tool", "T1 D1", "T1 D3"},
@@ -230,10 +297,12 @@ const Bad kBad[] = {
 TEST(PostReaders, what_they_cannot_read_is_named_with_its_line) {
   for (const Bad& b : kBad) {
     const PostContext context = post_context();
-    const Program p = random_program(2, {.sections = 1, .points = 1, .has_arcs = false, .has_events = false});
+    const Program p = random_program(2, mix_for(*find_post(b.language), {.sections = 1, .points = 1, .has_arcs = false, .has_events = false, .has_equipment = false, .has_splines = false}));
     auto text = find_post(b.language)->write(p, context);
     ASSERT_TRUE(text);
-    bool has_edit = false;
+    bool has_edit = *b.file != 0;
+    if (*b.file == '+') text->files.push_back({"more.nc", "N10 M30\r\n"});
+    else if (*b.file) text->files.back().name += b.file;
     for (ProgramFile& f : text->files)
       if (const std::size_t at = f.bytes.find(b.from); at != std::string::npos && !has_edit) {
         f.bytes.replace(at, std::string_view(b.from).size(), b.to);

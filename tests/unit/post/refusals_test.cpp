@@ -30,7 +30,105 @@ T& first(Program& p) {
   throw Bug("no such instruction");
 }
 
+/// The instruction put behind the first exact straight move.
+void insert_on_path(Program& p, std::vector<Instruction> more) {
+  for (std::size_t i = 0; i < p.instructions.size(); ++i)
+    if (auto* m = std::get_if<MoveLinear>(&p.instructions[i])) {
+      m->is_exact = true;
+      p.instructions.insert(p.instructions.begin() + static_cast<long>(i) + 1, more.begin(), more.end());
+      return;
+    }
+}
+Pose<frame::Base, frame::Tool> beside(Program& p, const Vec3& d) {
+  auto T = first<MoveLinear>(p).T_base_tool;
+  T.p_mm += d;
+  return T;
+}
+void switch_twice(Program& p, Equipment what, int data) { insert_on_path(p, {SwitchOn{what, data}, SwitchOff{what, data}}); }
+
+const std::vector<Language> kAllFour = {Language::krl, Language::inform, Language::beckhoff, Language::nci};
+
 const Case kCases[] = {
+    {"krl_no_arc", "post.missing_value", "controller.krl.arc", {Language::krl}, [](Program& p, PostContext& c) { c.cell.controller.options.erase("krl.arc"), switch_twice(p, Equipment::arc, 1); }},
+    {"krl_arc_names", "post.option", "controller.krl.arc", {Language::krl}, [](Program& p, PostContext& c) { c.cell.controller.options["krl.arc"] = "ONE", switch_twice(p, Equipment::arc, 1); }},
+    {"krl_no_coolant", "post.missing_value", "controller.krl.coolant", {Language::krl}, [](Program& p, PostContext& c) { c.cell.controller.options.erase("krl.coolant"), switch_twice(p, Equipment::coolant, 0); }},
+    {"krl_coolant", "post.option", "controller.krl.coolant", {Language::krl}, [](Program& p, PostContext& c) { c.cell.controller.options["krl.coolant"] = "x", switch_twice(p, Equipment::coolant, 0); }},
+    {"krl_no_tool_check", "post.missing_value", "controller.krl.tool_check", {Language::krl},
+     [](Program& p, PostContext& c) { c.cell.controller.options.erase("krl.tool_check"), insert_on_path(p, {SwitchOn{Equipment::tool_check, 1}}); }},
+    {"krl_delivery", "post.option", "controller.krl.delivery", {Language::krl}, [](Program&, PostContext& c) { c.cell.controller.options["krl.delivery"] = "both"; }},
+    {"krl_cell", "post.option", "controller.krl.cell", {Language::krl}, [](Program&, PostContext& c) { c.cell.controller.options["krl.cell"] = "0"; }},
+    {"krc2_spline_block", "post.spline", "", {Language::krl},
+     [](Program& p, PostContext& c) { c.cell.controller.options["krl.version"] = "KRC2", insert_on_path(p, {MoveSpline{beside(p, {3, 0, 0}), 10}, MoveSpline{beside(p, {6, 1, 0}), 10}}); }},
+    {"krc2_trigger", "post.trigger", "", {Language::krl},
+     [](Program& p, PostContext& c) { c.cell.controller.options["krl.version"] = "KRC2", insert_on_path(p, {OutputOnPath{7, true, 2}, MoveLinear{beside(p, {9, 0, 0}), 10, true, 0}}); }},
+    {"inform_no_arc", "post.missing_value", "controller.inform.arc", {Language::inform}, [](Program& p, PostContext& c) { c.cell.controller.options.erase("inform.arc"), switch_twice(p, Equipment::arc, 1); }},
+    {"inform_arc_list", "post.option", "controller.inform.arc", {Language::inform}, [](Program& p, PostContext&) { switch_twice(p, Equipment::arc, 9); }},
+    {"inform_no_weave", "post.missing_value", "controller.inform.weave", {Language::inform}, [](Program& p, PostContext& c) { c.cell.controller.options.erase("inform.weave"), switch_twice(p, Equipment::weave, 1); }},
+    {"inform_recording", "post.option", "controller.inform.recording", {Language::inform}, [](Program& p, PostContext& c) { c.cell.controller.options["inform.recording"] = "log on", switch_twice(p, Equipment::recording, 0); }},
+    {"inform_no_recording", "post.missing_value", "controller.inform.recording", {Language::inform}, [](Program& p, PostContext& c) { c.cell.controller.options.erase("inform.recording"), switch_twice(p, Equipment::recording, 0); }},
+    {"inform_relative", "post.option", "controller.inform.relative", {Language::inform}, [](Program&, PostContext& c) { c.cell.controller.options["inform.relative"] = "maybe"; }},
+    {"inform_arc_spline", "post.spline", "", {Language::inform},
+     [](Program& p, PostContext&) { insert_on_path(p, {SwitchOn{Equipment::arc, 1}, MoveSpline{beside(p, {3, 0, 0}), 10}, MoveSpline{beside(p, {6, 1, 0}), 10}, SwitchOff{Equipment::arc, 1}}); }},
+    {"inform_event_at_corner", "post.trigger", "", {Language::inform},
+     [](Program& p, PostContext&) {
+       insert_on_path(p, {MoveLinear{beside(p, {9, 0, 0}), 10, false, 1}, SetOutput{7, true}, MoveCircular{beside(p, {12, 1, 0}), beside(p, {15, 0, 0}), 10, true, 0}, SetOutput{7, false}});
+     }},
+    {"beckhoff_no_arc", "post.missing_value", "controller.beckhoff.arc.9", {Language::beckhoff}, [](Program& p, PostContext&) { switch_twice(p, Equipment::arc, 9); }},
+    {"beckhoff_no_hsc", "post.missing_value", "controller.beckhoff.hsc_path_dev", {Language::beckhoff},
+     [](Program& p, PostContext& c) { c.cell.controller.options.erase("beckhoff.hsc_path_dev"), insert_on_path(p, {MoveSpline{beside(p, {3, 0, 0}), 10}, MoveSpline{beside(p, {6, 1, 0}), 10}}); }},
+    {"beckhoff_hsc", "post.option", "controller.beckhoff.hsc_path_dev", {Language::beckhoff}, [](Program&, PostContext& c) { c.cell.controller.options["beckhoff.hsc_path_dev"] = "wide"; }},
+    {"beckhoff_delivery", "post.option", "controller.beckhoff.delivery", {Language::beckhoff}, [](Program&, PostContext& c) { c.cell.controller.options["beckhoff.delivery"] = "x"; }},
+    {"nci_no_kinematics", "post.missing_value", "controller.nci.kinematics", {Language::nci}, [](Program&, PostContext& c) { c.cell.controller.options.erase("nci.kinematics"); }},
+    {"nci_kinematics", "post.option", "controller.nci.kinematics", {Language::nci}, [](Program&, PostContext& c) { c.cell.controller.options["nci.kinematics"] = "30 31"; }},
+    {"nci_no_orientation", "post.missing_value", "controller.nci.orientation", {Language::nci}, [](Program&, PostContext& c) { c.cell.controller.options.erase("nci.orientation"); }},
+    {"nci_orientation", "post.option", "controller.nci.orientation", {Language::nci}, [](Program&, PostContext& c) { c.cell.controller.options["nci.orientation"] = "abc"; }},
+    {"nci_no_output", "post.missing_value", "controller.nci.output.9", {Language::nci}, [](Program& p, PostContext&) { insert_on_path(p, {SetOutput{9, true}}); }},
+    {"nci_spline", "post.spline", "", {Language::nci}, [](Program& p, PostContext&) { insert_on_path(p, {MoveSpline{beside(p, {3, 0, 0}), 10}, MoveSpline{beside(p, {6, 1, 0}), 10}}); }},
+    {"nci_wrap", "post.option", "controller.nci.wrap", {Language::nci}, [](Program&, PostContext& c) { c.cell.controller.options["nci.wrap"] = "x"; }},
+    {"nci_first_angle", "post.missing_value", "controller.nci.wrap", {Language::nci},
+     [](Program& p, PostContext& c) {
+       c.cell.controller.options.erase("nci.wrap");
+       for (Instruction& i : p.instructions)
+         if (auto* m = std::get_if<MoveLinear>(&i)) m->T_base_tool.q = quat_from_zyx(0, 0, rad_from_deg(179.9));
+     }},
+    {"nci_angle_wrap", "post.angle_wrap", "", {Language::nci},
+     [](Program& p, PostContext&) {
+       int n = 0;
+       for (Instruction& i : p.instructions)
+         if (auto* m = std::get_if<MoveLinear>(&i)) m->T_base_tool.q = quat_from_zyx(0, 0, rad_from_deg(179.9 + 0.2 * n++));
+     }},
+    {"nci_pole", "post.pole", "", {Language::nci},
+     [](Program& p, PostContext&) {
+       for (Instruction& i : p.instructions)
+         if (auto* m = std::get_if<MoveLinear>(&i)) m->T_base_tool.q = quat_from_zyx(0, rad_from_deg(89.95), 0);
+     }},
+    {"nci_arc_in_no_plane", "post.arc_plane", "", {Language::nci},
+     [](Program& p, PostContext&) { insert_on_path(p, {MoveCircular{beside(p, {10, 3, 2}), beside(p, {20, -1, 7}), 10, true, 0}}); }},
+    {"nci_unknown_option", "post.option", "controller.nci.mode", {Language::nci}, [](Program&, PostContext& c) { c.cell.controller.options["nci.mode"] = "0"; }},
+    {"spline_of_one_point", "post.spline", "", kAllFour, [](Program& p, PostContext&) { insert_on_path(p, {MoveSpline{beside(p, {3, 0, 0}), 10}}); }},
+    {"spline_of_a_point_twice", "post.spline", "", kAllFour,
+     [](Program& p, PostContext&) { insert_on_path(p, {MoveSpline{beside(p, {3, 0, 0}), 10}, MoveSpline{beside(p, {3, 0, 0}), 10}}); }},
+    {"spline_at_a_rounded_corner", "post.spline", "", kAllFour,
+     [](Program& p, PostContext&) { insert_on_path(p, {MoveLinear{beside(p, {1, 1, 0}), 10, false, 1}, MoveSpline{beside(p, {3, 0, 0}), 10}, MoveSpline{beside(p, {6, 1, 0}), 10}}); }},
+    {"spline_after_a_joint_move", "post.spline", "", kAllFour,
+     [](Program& p, PostContext& c) { insert_on_path(p, {MoveJoint{c.cell.robot.home_rad, 0.3}, MoveSpline{beside(p, {3, 0, 0}), 10}, MoveSpline{beside(p, {6, 1, 0}), 10}}); }},
+    {"place_beyond_the_motion", "post.trigger", "", kAllFour, [](Program& p, PostContext&) { insert_on_path(p, {OutputOnPath{7, true, -20}, MoveLinear{beside(p, {9, 0, 0}), 10, true, 0}}); }},
+    {"place_without_a_motion", "post.trigger", "", kAllFour, [](Program& p, PostContext&) { insert_on_path(p, {OutputOnPath{7, true, 2}, SetOutput{7, false}}); }},
+    {"place_of_no_length", "post.trigger", "", kAllFour, [](Program& p, PostContext&) { insert_on_path(p, {OutputOnPath{7, true, 0}, MoveLinear{beside(p, {9, 0, 0}), 10, true, 0}}); }},
+    {"no_path_events", "post.trigger", "", {Language::inform, Language::beckhoff, Language::nci},
+     [](Program& p, PostContext&) { insert_on_path(p, {OutputOnPath{7, true, 2}, MoveLinear{beside(p, {9, 0, 0}), 10, true, 0}}); }},
+    {"spindle_on_the_path", "post.output", "", kAllFour, [](Program& p, PostContext&) { insert_on_path(p, {OutputOnPath{5, true, 2}, MoveLinear{beside(p, {9, 0, 0}), 10, true, 0}}); }},
+    {"arc_without_data", "post.equipment", "", kAllFour, [](Program& p, PostContext&) { switch_twice(p, Equipment::arc, 0); }},
+    {"coolant_with_data", "post.equipment", "", kAllFour, [](Program& p, PostContext&) { switch_twice(p, Equipment::coolant, 2); }},
+    {"recording_on_twice", "post.order", "", kAllFour,
+     [](Program& p, PostContext&) { insert_on_path(p, {SwitchOn{Equipment::recording, 0}, SwitchOn{Equipment::recording, 0}, SwitchOff{Equipment::recording, 0}}); }},
+    {"weave_off_alone", "post.order", "", kAllFour, [](Program& p, PostContext&) { insert_on_path(p, {SwitchOff{Equipment::weave, 1}}); }},
+    {"coolant_on_at_the_end", "post.order", "", kAllFour, [](Program& p, PostContext&) { insert_on_path(p, {SwitchOn{Equipment::coolant, 0}}); }},
+    {"arc_in_a_joint_move", "post.order", "", kAllFour,
+     [](Program& p, PostContext& c) { insert_on_path(p, {SwitchOn{Equipment::arc, 1}, MoveJoint{c.cell.robot.home_rad, 0.3}, SwitchOff{Equipment::arc, 1}}); }},
+    {"check_of_no_tool", "post.tool", "", kAllFour, [](Program& p, PostContext&) { insert_on_path(p, {SwitchOn{Equipment::tool_check, 77}}); }},
+    {"check_at_a_rounded_corner", "post.order", "", kAllFour,
+     [](Program& p, PostContext&) { insert_on_path(p, {MoveLinear{beside(p, {1, 1, 0}), 10, false, 1}, SwitchOn{Equipment::tool_check, 1}}); }},
     {"no_pulses", "post.missing_value", "controller.inform.pulses_per_degree", {Language::inform},
      [](Program&, PostContext& c) { c.cell.controller.pulses_per_degree.reset(); }},
     {"zero_pulses", "post.missing_value", "pulses_per_degree[2]", {Language::inform},
@@ -133,7 +231,7 @@ TEST(PostRefusals, every_case_is_refused_by_its_code) {
   for (const Case& k : kCases) {
     for (Language language : k.languages) {
       PostContext context = post_context();
-      Program p = random_program(5, {.sections = 1, .points = 5, .has_arcs = false, .has_events = false, .has_two_tools = false, .has_new_frames = false});
+      Program p = random_program(5, mix_for(*find_post(language), {.sections = 1, .points = 5, .has_arcs = false, .has_events = false, .has_two_tools = false, .has_new_frames = false, .has_equipment = false, .has_splines = false}));
       k.spoil(p, context);
       const auto text = find_post(language)->write(p, context);
       ASSERT_FALSE(text) << k.name << " " << name_of(language) << "\n" << text->files[0].bytes;

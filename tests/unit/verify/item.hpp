@@ -3,6 +3,7 @@
 // the program of it.
 #pragma once
 
+#include <functional>
 #include <stdexcept>
 
 #include "planner/plan/path/path.hpp"
@@ -38,7 +39,8 @@ inline Mesh tool_body() {  // a box around the spindle, in flange; the cutter st
   return box_mesh({-40, -40, 0}, {40, 40, 290});
 }
 
-inline Item box_item() {
+/// `change` moves the part before the path is planned.
+inline Item box_item(const std::function<void(World&)>& change = {}) {
   Item item;
   World& w = item.world;
   w = box_world();
@@ -50,6 +52,7 @@ inline Item box_item() {
   w.job.fixture.mesh_fixture = box_mesh({5, 5, 0}, {55, 35, 40});
   w.location.T_base_part.p_mm = Vec3(1200, 0, 700);
   w.location.T_base_part.q = quat_from_zyx(0.1, 0.004, -0.003);
+  if (change) change(w);
   for (std::size_t k = 0; k < 4; ++k)
     w.burrs.edges[k] = make_burr(w.features.edges[k], [&](double s) { return 0.15 + 0.1 * std::sin(0.2 * s + static_cast<double>(k)); });
   const auto path = plan_path({}, w.job, w.location, w.features, w.burrs);
