@@ -5,6 +5,7 @@
 #include "postprocessors/krl/krl.hpp"
 #include "postprocessors/nci/nci.hpp"
 #include "postprocessors/post.hpp"
+#include "postprocessors/ur/ur.hpp"
 
 namespace asbuilt {
 namespace {
@@ -14,6 +15,11 @@ constexpr double kAngleStep_rad = 1e-4 * kPi / 180.0;
 JointVector degree_step(const PostContext&) {
   JointVector step;
   step.fill(kAngleStep_rad);
+  return step;
+}
+JointVector radian_step(const PostContext&) {
+  JointVector step;
+  step.fill(1e-7);
   return step;
 }
 JointVector pulse_step(const PostContext& context) {
@@ -35,6 +41,8 @@ const std::vector<Post>& posts() {
        degree_step, 1e-5, 1e-4, 0.001, 0.001, Post::Arcs::in_planes_of_the_frame},
       {Language::nci, "Beckhoff TwinCAT NC I", ".nc", 0.001, kAngleStep_rad, 0.01 / 60, nci::write, nci::read, nci::lint, degree_step, 1e-5, 1e-4,
        0.001, 0.001, Post::Arcs::in_planes_of_base, false, false, false, true, true},
+      {Language::ur, "UR script", ".script", 0.001, 1e-7, 0.001, ur::write, ur::read, ur::lint, radian_step, 1e-6, 1e-5, 0.001, 0.001,
+       Post::Arcs::anywhere, false, true, false, false, true},
   };
   return table;
 }

@@ -48,10 +48,11 @@ Result<std::vector<ReadProgram>> read_programs(const std::vector<std::string>& f
     std::optional<Language> language;
     if (end == ".src" || end == ".dat") language = Language::krl;
     if (end == ".jbi" || end == ".cnd") language = Language::inform;
+    if (end == ".script") language = Language::ur;
     if (end == ".nc" || end == ".cnc" || end == ".mpf")  // both Beckhoff products name their files so
       language = context.cell.controller.language == Language::nci ? Language::nci : Language::beckhoff;
     if (!language)
-      faults.push_back({.code = "input.program_language", .where = name, .message = "the name tells no language; known are .src .dat (KRL), .JBI .CND (INFORM), .nc .cnc .mpf (Beckhoff)", .stage = "input"});
+      faults.push_back({.code = "input.program_language", .where = name, .message = "the name tells no language; known are .src .dat (KRL), .JBI .CND (INFORM), .nc .cnc .mpf (Beckhoff), .script (UR)", .stage = "input"});
     else if (!std::filesystem::is_regular_file(path))
       faults.push_back({.code = "input.file_missing", .where = name, .message = "there is no such file", .stage = "input"});
     else

@@ -58,6 +58,7 @@ std::string language_title(const Language l) {
     case Language::inform: return "Yaskawa INFORM";
     case Language::beckhoff: return "Beckhoff CNC";
     case Language::nci: return "Beckhoff NC I";
+    case Language::ur: return "UR script";
     default: return std::string(name_of(l));
   }
 }

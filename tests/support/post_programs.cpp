@@ -45,7 +45,8 @@ PostContext post_context() {
            {"inform.coolant", "9"}, {"inform.arc", "1 2 3"}, {"inform.weave", "1 2 3"}, {"inform.recording", "LOGON LOGOFF"}, {"inform.tool_check", "TOOLCHK"},
            {"beckhoff.coolant", "8 9"}, {"beckhoff.recording", "150 151"}, {"beckhoff.hsc_path_dev", "0.010"}, {"beckhoff.tool_check.1", "61"}, {"beckhoff.tool_check.3", "63"},
            {"nci.coolant", "8 9"}, {"nci.recording", "150 151"}, {"nci.tool_check.1", "61"}, {"nci.tool_check.3", "63"}, {"nci.output.7", "70 71"}, {"nci.output.12", "120 121"},
-           {"nci.orientation", "cba"}, {"nci.kinematics", "40 41"}, {"nci.wrap", "positive"}})
+           {"nci.orientation", "cba"}, {"nci.kinematics", "40 41"}, {"nci.wrap", "positive"},
+           {"ur.acceleration", "1.2"}, {"ur.joint_acceleration", "1.4"}})
     s.options[key] = value;
   for (int n = 1; n <= 3; ++n)
     for (const char* dialect : {"beckhoff.", "nci."}) {

@@ -71,6 +71,13 @@ std::string harmless(Language language, const std::string& line, const std::stri
     if (has("CR=") && token.find("CR") != std::string::npos) return "";
     if (has("///TOOL") || has("///POSTYPE") || has("///PULSE") || has("///RECTAN") || has("///GROUP1") || has("///NPOS")) return "the same statement twice";
   }
+  if (language == Language::ur) {
+    if (has("set_tcp")) return "within what the cell's tool may differ by, or the same tool twice";
+    if (has("analog")) return "the same statement twice";
+    if (has(" a=")) return "an acceleration within its range";
+    if (has("movej")) return "a joint speed changed by less than its tolerance";
+    if (token == "\n") return "an empty line";
+  }
   if (language == Language::nci) {
     if (has(" T") || has("M05") || has("M03") || has(" M")) return "a state that is set already";
     if ((token[0] == 'I' || token[0] == 'J' || token[0] == 'K') && !changed.empty()) return "a centre within a micrometre";

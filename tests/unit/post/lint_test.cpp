@@ -176,9 +176,18 @@ const Edit kEditsOfNci[] = {
     {Language::nci, "B-14", "G90 G71", "G71"},
     {Language::nci, "B-14", "G90 G71", "G91 G71"},
 };
+const Edit kEditsOfUr[] = {
+    {Language::ur, "U-01", "end\n", "end\n  sleep(1.000)\n"},
+    {Language::ur, "U-02", "def SAMPLE", "def OTHER"},
+    {Language::ur, "U-03", "  movej(", "  movel(p[0.1, 0.1, 0.1, 0, 0, 0], a=1, v=0.1, r=0)\n  movej("},
+    {Language::ur, "U-04", "r=0.000500)\n  set", "r=0.000500)\n  sleep(1.000)\n  set"},
+    {Language::ur, "U-05", "a=1.200", "a=100.000"},
+    {Language::ur, "U-05", "v=0.100000", "v=9.100000"},
+};
 std::vector<Edit> all_edits() {
   std::vector<Edit> all(std::begin(kEdits), std::end(kEdits));
   all.insert(all.end(), std::begin(kEditsOfNci), std::end(kEditsOfNci));
+  all.insert(all.end(), std::begin(kEditsOfUr), std::end(kEditsOfUr));
   return all;
 }
 

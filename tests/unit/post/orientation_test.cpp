@@ -29,6 +29,17 @@ Matrix about(char axis, double deg) {
   return {{{c, -s, 0}, {s, c, 0}, {0, 0, 1}}};
 }
 
+/// A rotation vector, by Rodrigues' formula.
+Matrix about_vector(double x, double y, double z) {
+  const double angle = std::sqrt(x * x + y * y + z * z);
+  const double s = angle < 1e-12 ? 1 : std::sin(angle) / angle, c = angle < 1e-12 ? 0.5 : (1 - std::cos(angle)) / (angle * angle);
+  const Matrix k = {{{0, -z, y}, {z, 0, -x}, {-y, x, 0}}}, k2 = times(k, k);
+  Matrix r{};
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j) r[i][j] = (i == j ? 1 : 0) + s * k[i][j] + c * k2[i][j];
+  return r;
+}
+
 struct Convention {
   const char* name;
   Language language;
@@ -53,6 +64,7 @@ const Convention kConventions[] = {
      [](double a, double b, double c) { return times(about('z', c), times(about('y', -b), about('x', a))); }},
     {"nci_euler", Language::nci, BeckhoffOrientation::euler, R"(G01 X-?\d+\.\d{3} Y[-\d.]+ Z[-\d.]+ Q1=([-\d.]+) Q2=([-\d.]+) Q3=([-\d.]+))",
      [](double a, double b, double c) { return times(about('z', c), times(about('y', b), about('z', a))); }},
+    {"ur", Language::ur, BeckhoffOrientation::cba, R"(movel\(p\[[-\d.]+, [-\d.]+, [-\d.]+, ([-\d.]+), ([-\d.]+), ([-\d.]+)\])", about_vector},
 };
 
 class Orientation : public testing::TestWithParam<Convention> {};
