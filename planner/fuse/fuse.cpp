@@ -27,6 +27,9 @@ using Points = std::vector<Eigen::Vector3f>;
 constexpr double kCosineMin = 0.26;  // 75 deg
 // A point that fewer of its own neighbours than this know as theirs hangs alone in space.
 constexpr int kMutualMin = 3;
+// Steepest incidence at which a sensor still gives readings, and what it says about flying pixels.
+constexpr double kSteepMax_rad = 1.4;  // 80 degrees
+constexpr int kImageNeighbours = 8, kSupportMin = 2;
 
 std::uint64_t spread_bits(std::uint64_t x) {
   x &= 0x1fffff;
@@ -131,6 +134,40 @@ std::vector<char> outliers(const Neighbourhood& n, std::size_t points_count, dou
   return is_outlier;
 }
 
+/// Flying pixels hang along their rays between a front and a back surface. On a surface that is seen at no more than kSteepMax a point
+/// and its neighbours in the image differ in range by no more than their angle allows, however sparse they are: a steep wall with most
+/// of its readings missing still passes, since the allowance grows with the distance to the neighbour. A point that not even
+/// kSupportMin of its neighbours in the image bear out, and that is farther from everything than its own pixel's spacing, is none.
+void mark_flying(const Points& points, const Neighbourhood& n, double noise_mm, std::vector<char>& is_outlier) {
+  for (const Eigen::Vector3f& p : points)
+    if (!(p.z() > 1e-3f)) return;  // no image in front of a camera
+  auto image = std::make_shared<pcl::PointCloud<pcl::PointXYZ>>();
+  image->resize(points.size());
+  for (std::size_t i = 0; i < points.size(); ++i) (*image)[i] = {points[i].x() / points[i].z(), points[i].y() / points[i].z(), 0.f};
+  pcl::KdTreeFLANN<pcl::PointXYZ> tree;
+  tree.setInputCloud(image);
+  const double steep = std::tan(kSteepMax_rad);
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, points.size(), 2048), [&](const auto& range) {
+    pcl::Indices index(kImageNeighbours + 1);
+    std::vector<float> squared(kImageNeighbours + 1);
+    for (std::size_t i = range.begin(); i < range.end(); ++i) {
+      if (is_outlier[i]) continue;
+      const int found = tree.nearestKSearch((*image)[i], kImageNeighbours + 1, index, squared);
+      const double r = points[i].norm();
+      int support = 0;
+      double spacing = 0;  // of the pixels here: the median angle to a neighbour
+      for (int j = 0; j < found; ++j) {
+        const std::size_t k = static_cast<std::size_t>(index[static_cast<std::size_t>(j)]);
+        if (k == i) continue;
+        const double across = std::sqrt(static_cast<double>(squared[static_cast<std::size_t>(j)])) * points[i].z();
+        if (j <= kImageNeighbours / 2) spacing = across;
+        support += std::abs(points[k].norm() - r) <= steep * across + 6 * noise_mm;
+      }
+      is_outlier[i] = support < kSupportMin && n.nearest_mm[i] > 2 * spacing;
+    }
+  });
+}
+
 struct Prepared {
   Points points;                        // in the sensor's frame
   std::vector<Eigen::Vector3f> normals;
@@ -143,6 +180,7 @@ struct Prepared {
 struct Source {
   const Capture* capture;
   SensorSpec sensor;
+  bool is_one_view = true;
 };
 
 double sigma_factor(const Eigen::Vector3f& p, const Eigen::Vector3f& n, double working_distance_mm) {
@@ -152,11 +190,13 @@ double sigma_factor(const Eigen::Vector3f& p, const Eigen::Vector3f& n, double w
   return at * at / std::max(kCosineMin, cosine);
 }
 
-Prepared prepare(const Points& raw, const SensorSpec& sensor, const FuseRecipe& recipe) {
+/// `is_one_view`: all points were seen from the origin at once.
+Prepared prepare(const Points& raw, const SensorSpec& sensor, const FuseRecipe& recipe, bool is_one_view) {
   Prepared out;
   Points points = morton_sorted(raw);
   const Neighbourhood n = search(points, std::max(6, recipe.normal_neighbours_count));
-  const std::vector<char> is_outlier = outliers(n, points.size(), recipe.outlier_ratio);
+  std::vector<char> is_outlier = outliers(n, points.size(), recipe.outlier_ratio);
+  if (is_one_view) mark_flying(points, n, sensor.noise_mm, is_outlier);
   const std::size_t count = static_cast<std::size_t>(n.count);
   std::vector<Eigen::Vector3f> normals(points.size(), Eigen::Vector3f::Zero());
   std::vector<float> rms(points.size(), -1);  // off the local plane, only where the neighbourhood is flat
@@ -265,7 +305,7 @@ Result<Done<MeasuredCloud>> fuse(const FuseRecipe& recipe, const Job& job, const
     done.notes.insert(done.notes.end(), fused->notes.begin(), fused->notes.end());
     cloud.streams.push_back(fused->artefact.summary);
     streams[k] = std::move(fused->artefact);
-    for (const FusedStream::View& v : streams[k].views) sources.push_back({&v.capture, sensor}), sources.back().sensor.noise_mm = v.noise_mm;
+    for (const FusedStream::View& v : streams[k].views) sources.push_back({&v.capture, sensor}), sources.back().sensor.noise_mm = v.noise_mm, sources.back().is_one_view = false;
     if (streams[k].views.empty())
       done.notes.push_back({Note::Level::warning, "fuse.empty_capture", "The stream holds no usable view.", c.name});
   }
@@ -273,7 +313,7 @@ Result<Done<MeasuredCloud>> fuse(const FuseRecipe& recipe, const Job& job, const
 
   std::vector<Prepared> prepared(sources.size());
   tbb::parallel_for(std::size_t{0}, sources.size(), [&](std::size_t k) {
-    if (sources[k].capture->points_sensor.size() >= 10) prepared[k] = prepare(sources[k].capture->points_sensor, sources[k].sensor, recipe);
+    if (sources[k].capture->points_sensor.size() >= 10) prepared[k] = prepare(sources[k].capture->points_sensor, sources[k].sensor, recipe, sources[k].is_one_view);
   });
 
   std::size_t total = 0;
