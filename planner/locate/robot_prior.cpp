@@ -184,7 +184,12 @@ class Builder {
     Vec3 middle = Vec3::Zero();
     for (const Vec3& p : cut.points_base) middle += p / static_cast<double>(cut.points_base.size());
     const Vec3 axis = recipe->axis_base.normalized();
-    double best = std::numeric_limits<double>::infinity();
+    // Postures to cut in: those of the working captures, and the tool's x along base x. What counts is how far the robot's error there
+    // lies from the mean of what it was in all the working captures: views turned by half a turn take each other's error off.
+    std::vector<Cut> candidates;
+    Eigen::MatrixXd measured;
+    const Eigen::Quaterniond q_along_x = quat_from_z(axis, Vec3::UnitX());
+    const auto turn_of = [&](const Cut& c) { return c.q_base_tool.angularDistance(q_along_x); };
     for (std::size_t k = 0; k < cloud_.captures.size(); ++k) {
       const CloudCapture& c = cloud_.captures[k];
       if (!c.feature || *c.feature != f.id || !q_capture_[k]) continue;
@@ -193,11 +198,30 @@ class Builder {
       Cut candidate = cut;
       candidate.q_base_tool = quat_from_z(axis, (c.T_base_flange.q * cut.tool->T_flange_tool.q) * Vec3::UnitX());
       candidate.near_rad = *q_capture_[k];
-      const auto tip = tip_error(candidate, middle);
-      if (!tip) continue;
-      const Eigen::MatrixXd relative = point_jacobian(middle, prior_.center_base) * prior_.capture[k] - *tip;
-      const double variance = (relative * prior_.covariance * relative.transpose()).trace();
-      if (variance < best * (1 - 1e-6)) best = variance, cut = candidate, cut.is_known = true;
+      const Eigen::MatrixXd here = point_jacobian(middle, prior_.center_base) * prior_.capture[k];
+      measured = candidates.empty() ? here : Eigen::MatrixXd(measured + here);
+      candidates.push_back(std::move(candidate));
+    }
+    if (!candidates.empty()) {
+      measured /= static_cast<double>(candidates.size());
+      Cut along_x = *std::min_element(candidates.begin(), candidates.end(), [&](const Cut& a, const Cut& b) { return turn_of(a) < turn_of(b) - 1e-9; });
+      along_x.q_base_tool = q_along_x;
+      candidates.push_back(std::move(along_x));
+      std::vector<double> variance;
+      double least = std::numeric_limits<double>::infinity();
+      for (const Cut& c : candidates) {
+        const auto tip = tip_error(c, middle);
+        variance.push_back(std::numeric_limits<double>::infinity());
+        if (!tip) continue;
+        const Eigen::MatrixXd relative = measured - *tip;
+        variance.back() = (relative * prior_.covariance * relative.transpose()).trace();
+        least = std::min(least, variance.back());
+      }
+      constexpr double kAsGoodRatio = 1.5;  // of the variance: then the posture nearest to the usual one
+      double turn = std::numeric_limits<double>::infinity();
+      for (std::size_t i = 0; i < candidates.size(); ++i)
+        if (std::isfinite(variance[i]) && variance[i] <= kAsGoodRatio * least && turn_of(candidates[i]) < turn - 1e-9)
+          turn = turn_of(candidates[i]), cut = candidates[i], cut.is_known = true;
     }
     if (!cut.is_known) {
       cut.q_base_tool = quat_from_z(axis, Vec3::UnitX());
