@@ -141,7 +141,8 @@ TEST(Locate, moves_with_the_scan) {
     EXPECT_TRUE(found);
     return found ? G.inverse() * found->artefact.T_base_part : Pose<frame::Base, frame::Part>();
   };
-  expect_near(at(0), at(0.4), 0.05, 0.02);
+  // The usual posture to cut in does not turn with the scan: what the robot does otherwise there stays between the two.
+  expect_near(at(0), at(0.4), 0.10, 0.02);
 }
 
 TEST(Locate, order_of_points_and_captures_does_not_matter) {
