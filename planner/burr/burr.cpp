@@ -213,7 +213,11 @@ Result<Done<Burrs>> measure_burrs(const BurrRecipe& recipe, const Job& job, cons
       const double h = is_none ? 0.0 : posterior.mean_mm[i];
       burr.height_mm.push_back(is_seen ? h : kNan);
       burr.height_sd_mm.push_back(is_seen ? posterior.sd_mm[i] : kNan);
-      burr.height_upper_mm.push_back(is_seen ? std::max(h, posterior.upper_mm[i]) : std::max(limit, posterior.upper_mm[i]));
+      // What cannot be ruled out: the posterior's bound where the flank was sampled, and never more than the rays leave room for.
+      const double carved = carved_height_mm(section, edge.s_mm[i], lean[i], 0.5);
+      const double unknown = std::max(limit, posterior.upper_mm[i]);
+      const double upper = is_seen && density[i] * 0.15 * 3 > 2 ? posterior.upper_mm[i] : unknown;
+      burr.height_upper_mm.push_back(std::max(is_seen ? h : 0.0, std::min(upper, carved + 3 * section.noise_mm)));
       double width = 0, area = 0;
       if (!is_none && is_seen && h > how.threshold_mm) {
         const double angle = std::isfinite(lean[i]) ? lean[i] : kPi / 4;

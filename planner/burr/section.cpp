@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <optional>
 
 #include "planner/geom/polyline_index.hpp"
@@ -57,6 +58,51 @@ double median_of(std::vector<double> v) {
 
 }  // namespace
 
+Carving::Carving() {
+  for (auto& l : lowest_mm) l.fill(std::numeric_limits<float>::infinity());
+}
+void Carving::add(int lean, float at_mm) {
+  auto& l = lowest_mm[static_cast<std::size_t>(lean)];
+  if (at_mm < l[0]) l[1] = l[0], l[0] = at_mm;
+  else if (at_mm < l[1]) l[1] = at_mm;
+}
+
+double carved_height_mm(const EdgeSection& section, double s_mm, double lean_rad, double window_mm) {
+  if (section.carved.empty()) return std::numeric_limits<double>::infinity();
+  const int count = static_cast<int>(section.carved.size());
+  const int from = std::clamp(static_cast<int>((s_mm - window_mm) / Carving::kBin_mm), 0, count - 1);
+  const int to = std::clamp(static_cast<int>((s_mm + window_mm) / Carving::kBin_mm), 0, count - 1);
+  double tallest = 0;
+  for (int k = 0; k < Carving::kLeans; ++k) {
+    if (std::isfinite(lean_rad) && std::abs(Carving::lean_rad(k) - lean_rad) > rad_from_deg(16)) continue;
+    Carving all;
+    for (int b = from; b <= to; ++b)
+      for (const float at : section.carved[static_cast<std::size_t>(b)].lowest_mm[static_cast<std::size_t>(k)]) all.add(k, at);
+    tallest = std::max(tallest, static_cast<double>(all.lowest_mm[static_cast<std::size_t>(k)][1]));
+  }
+  return tallest;
+}
+
+namespace {
+
+/// Where the ray from the eye to a point in section coordinates (f_1, f_2, s) crosses the half-lines on which a fin could stand.
+void carve(std::vector<Carving>& carved, double f_1, double f_2, double s, const Vec3& to_eye, double margin_mm) {
+  for (int k = 0; k < Carving::kLeans; ++k) {
+    const double c = std::cos(Carving::lean_rad(k)), w = std::sin(Carving::lean_rad(k));
+    const double facing = to_eye.x() * w - to_eye.y() * c;
+    if (std::abs(facing) < 0.15) continue;  // along the fin: it would hide nothing
+    const double t = -(f_1 * w - f_2 * c) / facing;
+    if (t < margin_mm) continue;
+    const double along = (f_1 + t * to_eye.x()) * c + (f_2 + t * to_eye.y()) * w;
+    const double at_s = s + t * to_eye.z();
+    if (along <= 0 || at_s < 0) continue;
+    const std::size_t bin = static_cast<std::size_t>(at_s / Carving::kBin_mm);
+    if (bin < carved.size()) carved[bin].add(k, static_cast<float>(along * std::max(c, w)));
+  }
+}
+
+}  // namespace
+
 std::vector<EdgeSection> cut_sections(const SectionOptions& options, const MeasuredCloud& cloud, const Location& location,
                                       const Features& features, const std::vector<char>& use) {
   std::vector<std::vector<Vec3>> lines;
@@ -74,6 +120,8 @@ std::vector<EdgeSection> cut_sections(const SectionOptions& options, const Measu
     SectionPoint point;
   };
   std::vector<Found> found(cloud.p_base.size());
+  std::vector<EdgeSection> out(features.edges.size());
+  for (std::size_t e = 0; e < out.size(); ++e) out[e].carved.resize(static_cast<std::size_t>(features.edges[e].s_mm.back() / Carving::kBin_mm) + 1);
   for (std::size_t k = 0; k < cloud.captures.size(); ++k) {
     if (!use[k]) continue;
     const auto correction = k < features.corrections.size() ? features.corrections[k] : Pose<frame::Base, frame::Base>{};
@@ -116,9 +164,38 @@ std::vector<EdgeSection> cut_sections(const SectionOptions& options, const Measu
                         }
                       });
   }
-  std::vector<EdgeSection> out(features.edges.size());
   std::vector<std::vector<double>> heights_1(out.size()), heights_2(out.size());
   for (EdgeSection& section : out) section.sights.resize(cloud.captures.size());
+  // Rays, capture by capture: each fills its own bins, which are merged in their order.
+  std::vector<std::vector<std::vector<Carving>>> by_capture(cloud.captures.size());
+  tbb::parallel_for(std::size_t(0), cloud.captures.size(), [&](std::size_t k) {
+    if (!use[k]) return;
+    auto& mine = by_capture[k];
+    mine.resize(out.size());
+    const auto T = T_part_base * (k < features.corrections.size() ? features.corrections[k] : Pose<frame::Base, frame::Base>{});
+    const Mat3 rotation = T.rotation();
+    const Vec3 eye = T.point(cloud.captures[k].T_base_sensor.p_mm);
+    std::vector<PolylineFoot> near;
+    for (std::size_t i = cloud.captures[k].begin; i < cloud.captures[k].end; ++i) {
+      const Vec3 p = rotation * cloud.p_base[i] + T.p_mm;
+      index.near(p, near);
+      for (const PolylineFoot& f : near) {
+        if (f.is_beyond) continue;
+        const AdaptedEdge& e = features.edges[f.line];
+        const std::size_t a = static_cast<std::size_t>(f.segment);
+        const Vec3 v = p - f.p, ray = (eye - p).normalized(), tangent = (e.adapted[a + 1] - e.adapted[a]).normalized();
+        auto& bins = mine[f.line];
+        if (bins.empty()) bins.resize(out[f.line].carved.size());
+        carve(bins, v.dot(e.n_1[a]), v.dot(e.n_2[a]), f.s_mm, Vec3(ray.dot(e.n_1[a]), ray.dot(e.n_2[a]), ray.dot(tangent)), 0.05);
+      }
+    }
+  });
+  for (const auto& mine : by_capture)
+    for (std::size_t e = 0; e < mine.size(); ++e)
+      for (std::size_t b = 0; b < mine[e].size(); ++b)
+        for (int k = 0; k < Carving::kLeans; ++k)
+          for (const float at : mine[e][b].lowest_mm[static_cast<std::size_t>(k)]) out[e].carved[b].add(k, at);
+
   for (const Found& f : found) {
     if (f.edge < 0) continue;
     EdgeSection& section = out[f.edge];
