@@ -175,13 +175,20 @@ Result<Done<Burrs>> measure_burrs(const BurrRecipe& recipe, const Job& job, cons
     chain.threshold_mm = how.threshold_mm;
     chain.height_max_mm = std::max({1.0, 1.5 * limit, 1.3 * tallest + 0.2});
     // How densely the fin would be hit: from how the captures look at it, scaled by the hits on what was found.
-    std::vector<double> foreseen(count, 0), density(count, 0), heights(count, 0), hits(count, 0);
+    // A fin that no view would have hit, because all look along it, is not seen to be absent: `least` over the leans.
+    constexpr int kLooks = 13;
+    std::vector<double> foreseen(count, 0), density(count, 0), heights(count, 0), hits(count, 0), least(count, 1e300);
     for (std::size_t i = 0; i < count; ++i) {
       if (std::isfinite(lean[i])) {
         foreseen[i] = flank_density(section, cloud, edge.s_mm[i], lean[i]);
       } else {  // no fin was found: it could lean anyhow
         foreseen[i] = 1e300;
-        for (const double angle : {0.3, 0.8, 1.3}) foreseen[i] = std::min(foreseen[i], flank_density(section, cloud, edge.s_mm[i], angle));
+        double mean = 0;
+        for (int k = 0; k < kLooks; ++k) {
+          const double d = flank_density(section, cloud, edge.s_mm[i], 0.2 + 1.2 * k / (kLooks - 1));
+          foreseen[i] = std::min(foreseen[i], d), mean += d / kLooks;
+        }
+        least[i] = foreseen[i], foreseen[i] = mean;
       }
     }
     for (const HeightSample& p : samples) {
@@ -198,6 +205,16 @@ Result<Done<Burrs>> measure_burrs(const BurrRecipe& recipe, const Job& job, cons
       posterior = height_profile(chain, edge.s_mm, samples, density, edge.is_closed);
       heights = posterior.mean_mm;
     }
+    // How rough the burr is along the edge the samples themselves say; without clear evidence it is taken as smooth.
+    constexpr double kClear = 3;
+    double best_evidence = posterior.log_evidence + kClear;
+    const ChainOptions smooth = chain;
+    for (const double rougher : {1.7, 2.8, 4.5}) {
+      ChainOptions rough = smooth;
+      rough.walk_mm *= rougher, rough.walk_ratio *= rougher;
+      const ChainPosterior other = height_profile(rough, edge.s_mm, samples, density, edge.is_closed);
+      if (other.log_evidence > best_evidence) best_evidence = other.log_evidence, posterior = other, chain = rough;
+    }
 
     EdgeBurr burr;
     burr.edge_id = edge.id;
@@ -209,15 +226,19 @@ Result<Done<Burrs>> measure_burrs(const BurrRecipe& recipe, const Job& job, cons
       const bool is_seen = coverage[i] > 0;
       if (!is_seen) ++unseen;
       // Absence counts as seen only where a burr of 0.15 mm over 3 mm would have been hit.
-      const bool is_none = posterior.none_ratio[i] > 0.7 && coverage[i] >= recipe.coverage_min_ratio && density[i] * 0.15 * 3 > 2;
+      const bool is_hidden = !std::isfinite(lean[i]) && least[i] * 0.15 * 3 < 2;  // a fin leaning just so would have been missed
+      const bool is_none = !is_hidden && posterior.none_ratio[i] > 0.7 && coverage[i] >= recipe.coverage_min_ratio && density[i] * 0.15 * 3 > 2;
       const double h = is_none ? 0.0 : posterior.mean_mm[i];
       burr.height_mm.push_back(is_seen ? h : kNan);
       burr.height_sd_mm.push_back(is_seen ? posterior.sd_mm[i] : kNan);
-      // What cannot be ruled out: the posterior's bound where the flank was sampled, and never more than the rays leave room for.
-      const double carved = carved_height_mm(section, edge.s_mm[i], lean[i], 0.5);
-      const double unknown = std::max(limit, posterior.upper_mm[i]);
-      const double upper = is_seen && density[i] * 0.15 * 3 > 2 ? posterior.upper_mm[i] : unknown;
-      burr.height_upper_mm.push_back(std::max(is_seen ? h : 0.0, std::min(upper, carved + 3 * section.noise_mm)));
+      // What cannot be ruled out: where the flank was sampled well, what the samples make likely and no less than the tallest one
+      // within a millimetre; else all that the process knows of; but never more than the rays leave room for.
+      double likely = posterior.upper_mm[i];
+      for (const HeightSample& p : samples)
+        if (p.inlier_ratio > 0.3 && std::abs(p.s_mm - edge.s_mm[i]) < 1) likely = std::max(likely, p.height_mm);
+      const bool is_sampled = is_seen && !is_hidden && density[i] * 0.15 * 3 > 2;
+      const double carved = carved_height_mm(section, edge.s_mm[i], lean[i], 0.5) + 3 * section.noise_mm;
+      burr.height_upper_mm.push_back(std::max(is_seen ? h : 0.0, std::min(is_sampled ? likely : std::max(limit, likely), carved)));
       double width = 0, area = 0;
       if (!is_none && is_seen && h > how.threshold_mm) {
         const double angle = std::isfinite(lean[i]) ? lean[i] : kPi / 4;

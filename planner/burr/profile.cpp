@@ -81,11 +81,13 @@ ChainPosterior height_profile(const ChainOptions& o, const std::vector<double>& 
   Eigen::MatrixXd forward(n, count), backward(n, count);
   // A closed edge is run through twice, so that its first station has a past.
   Eigen::VectorXd before = start;
+  double log_evidence = 0;
   for (int lap = 0; lap < (is_closed ? 2 : 1); ++lap)
     for (int j = 0; j < count; ++j) {
       Eigen::VectorXd a = (lap == 0 && j == 0) ? start : Eigen::VectorXd(t.transpose() * before);
       a.array() *= e.col(j).array();
       const double total = a.sum();
+      if (lap == (is_closed ? 1 : 0)) log_evidence += std::log(std::max(total, 1e-300)) + emission.col(j).maxCoeff();
       before = total > 0 ? Eigen::VectorXd(a / total) : start;
       forward.col(j) = before;
     }
@@ -98,6 +100,7 @@ ChainPosterior height_profile(const ChainOptions& o, const std::vector<double>& 
       backward.col(j) = after;
     }
   ChainPosterior out;
+  out.log_evidence = log_evidence;
   for (int j = 0; j < count; ++j) {
     Eigen::VectorXd p = forward.col(j).array() * backward.col(j).array();
     const double total = p.sum();

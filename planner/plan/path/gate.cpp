@@ -75,7 +75,7 @@ GateResult judge_edge(const AdaptedEdge& edge, const std::vector<CutterPlacement
   g.whole_ratio = 1;
   for (std::size_t i = 0; i < n; ++i) {
     const Mat3 posture = terms.posture.empty() ? Mat3(Mat3::Zero()) : terms.posture[i];
-    const Mat3 total = edge.covariance[i] + terms.tool + posture + (scatter + interpolation) * Mat3::Identity();
+    const Mat3 total = edge.covariance[i] + posture + (scatter + interpolation) * Mat3::Identity();  // the tool's part is the edge's already
     const double p = leg_probability(at[i], total, recipe.width_mm, recipe.tolerance_mm);
     g.probability_ratio[i] = p;
     if (p < g.whole_ratio) g.whole_ratio = p, g.worst_station = i;
@@ -89,6 +89,7 @@ GateResult judge_edge(const AdaptedEdge& edge, const std::vector<CutterPlacement
   if (length > 0) {
     g.share_ratio = within / length;
     v_edge /= length, v_tool /= length, v_posture /= length;
+    v_edge = std::max(0.0, v_edge - v_tool);
     const double total = v_edge + v_tool + v_posture + scatter + interpolation;
     g.sd_mm = std::sqrt(total);
     if (total > 0)

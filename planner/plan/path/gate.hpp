@@ -11,7 +11,8 @@
 
 namespace asbuilt {
 
-/// What blurs the place where the cutter meets the edge, beside AdaptedEdge::covariance.
+/// What blurs the place where the cutter meets the edge, beside AdaptedEdge::covariance (which holds the tool's part; it is named
+/// here only to be told apart in the budget).
 struct GateTerms {
   Mat3 tool = Mat3::Zero();            // of the tip, in part, mm^2
   double scatter_mm = 0;               // 1 sd per axis of the robot between two motions
