@@ -190,7 +190,7 @@ struct RecipeFile {
   RemovalText removal;
   BurrText burr;
   OrientationText orientation;
-  double approach_mm = 0, lead_mm = 0, path_tolerance_mm = 0.01, gate_probability_ratio = Recipe{}.gate_probability_ratio;
+  double approach_mm = 0, lead_mm = 0, path_tolerance_mm = 0.01, gate_probability_ratio = 0.90;
   std::optional<WeldText> weld;
   template <class S, class V>
   static void fields(S& s, V& v) {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "planner/burr/statistics.hpp"
 #include "planner/report/json_text.hpp"
 
 namespace asbuilt {
@@ -189,6 +190,13 @@ Json result_document(const ItemRecord& r) {
   j["edges"] = Json::array();
   if (r.features)
     for (std::size_t k = 0; k < r.features->edges.size(); ++k) j["edges"].push_back(edge_json(r, k));
+  if (r.features && r.burrs) {
+    j["burr_by_feature"] = Json::array();
+    for (const FeatureBurr& f : burr_by_feature(*r.features, *r.burrs))
+      j["burr_by_feature"].push_back({{"feature", f.feature}, {"mean", number(f.mean_mm, 5)}, {"max", number(f.max_mm, 5)}, {"seen", number(f.seen_ratio, 4)}, {"bare", number(f.bare_ratio, 4)},
+                                      {"stations", f.to_none.count}, {"independent_stations", number(f.to_none.count_effective, 1)}, {"standard_error", number(f.to_none.standard_error, 5)},
+                                      {"equivalence", {{"to", "no burr"}, {"margin", number(f.to_none.margin, 3)}, {"p", number(f.to_none.p, 6)}, {"shown", f.to_none.is_equivalent}}}});
+  }
   j["programs"] = Json::array();
   if (r.status == ItemStatus::emitted)
     for (const ReleasedProgram& p : r.programs) {

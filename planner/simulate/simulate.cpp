@@ -371,9 +371,12 @@ Result<Done<std::filesystem::path>> simulate(const Scenario& sc, const std::file
   calibration += fmt::format("tools:\n  {}:\n    flange_tool: {}\n    covariance: {}\nrobot: {{}}\n", cell.tools[0].id, pose_text(tool_given),
                              covariance_text(sd_tool, sd_tool_rad));
   write_text(batch / "calibration.yaml", calibration);
+  // the play of the part's own origin: where the part turns about its middle, the origin swings
+  const double swing = part.pivot.head<2>().norm();
+  const Vec3 play_given = play + Vec3(1, 1, 0) * std::ceil(swing * play_turn) + Vec3(0, 0, std::ceil(swing * play_tilt));
   write_text(batch / "fixture.yaml",
              fmt::format("asbuilt: fixture/1\nbase_fixture: {}\nmesh: meshes/fixture.stl\nfixture_part: {}\nplay: {{xyz: [{}, {}, {}], rpy: [{}, {}, {}]}}\n",
-                         pose_text(T_base_fixture), pose_text(T_fixture_part), play.x(), play.y(), play.z(),
+                         pose_text(T_base_fixture), pose_text(T_fixture_part), play_given.x(), play_given.y(), play_given.z(),
                          shortest_number(std::max(1.0, std::ceil(deg_from_rad(tilt) * 1.2))), shortest_number(std::max(1.0, std::ceil(deg_from_rad(tilt) * 1.2))),
                          is_turned ? std::string("free") : shortest_number(rounded(deg_from_rad(play_turn), 3))));
   std::string step = part.step;

@@ -17,7 +17,7 @@ struct PathRecipe {
   double clear_mm = 1.0;                    // the leads end this far outside the burr's upper bound
   double stray_max_mm = 0.05;               // how deep the cutter may go into the drawing's part away from the edges
   double damage_mm = 0.10;                  // deeper than the deepest good chamfer by this is damage ...
-  double damage_probability_max_ratio = 1e-2;  // ... and must be this unlikely at every station
+  double damage_probability_max_ratio = 2e-3;  // ... and must be this unlikely at every station
   double end_left_max_mm = 1.001;            // what may stay uncut at an end that the cutter cannot reach
   template <class S, class A>
   static void visit(S& s, A&& a) {

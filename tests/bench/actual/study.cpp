@@ -189,10 +189,22 @@ double quantile(std::vector<double> v, double q) {
   return v[std::min(v.size() - 1, static_cast<std::size_t>(q * static_cast<double>(v.size())))];
 }
 
+namespace {
+Run run_in(const Scenario& scenario, const Options& options, const fs::path& folder);
+}  // namespace
+
 Run run(const Scenario& scenario, const Options& options) {
-  Run out;
   const fs::path folder = options.cache / (scenario.part + "-" + std::to_string(scenario.seed) + (scenario.is_light ? "-light" : "") +
                                            (scenario.trap.empty() ? "" : "-" + scenario.trap + "-" + std::to_string(static_cast<int>(1000 * scenario.trap_size))));
+  Run out = run_in(scenario, options, folder);
+  std::error_code ignored;
+  if (!options.is_kept) fs::remove_all(folder, ignored);
+  return out;
+}
+
+namespace {
+Run run_in(const Scenario& scenario, const Options& options, const fs::path& folder) {
+  Run out;
   const auto clock = [] { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); };
   const auto timed = [&](const char* name, auto&& body) {
     const double begin = clock();
@@ -243,5 +255,6 @@ Run run(const Scenario& scenario, const Options& options) {
   out.share_ratio = path->artefact.edge_share_ratio;
   return out;
 }
+}  // namespace
 
 }  // namespace asbuilt::study

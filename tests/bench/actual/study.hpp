@@ -52,6 +52,7 @@ struct Run {
 
 struct Options {
   std::filesystem::path cache;        // clouds and locations are kept here: only fit, burr and path run again
+  bool is_kept = true;                // false: the folder is removed after the run
   std::function<void(Location&)> disturb;  // a fault between locate and fit
 };
 
