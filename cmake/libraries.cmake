@@ -17,7 +17,7 @@ find_package(CGAL REQUIRED QUIET)
 find_package(urdfdom REQUIRED)
 find_package(tinyxml2 REQUIRED)
 find_package(ZLIB REQUIRED)
-find_package(OpenCV REQUIRED COMPONENTS core imgproc imgcodecs calib3d features2d)
+find_package(OpenCV REQUIRED COMPONENTS core imgproc imgcodecs calib3d features2d aruco)
 # PCL by library: its CMake package looks for VTK, Qt and MPI even when only filters and features are asked for.
 find_path(PCL_INCLUDE_DIR pcl/point_types.h PATH_SUFFIXES pcl-1.13 pcl-1.14 pcl-1.12 REQUIRED)
 add_library(pcl_headers INTERFACE)

@@ -59,7 +59,11 @@ struct CompareArguments {
 int compare_command(const CompareArguments& arguments, Console& console);
 
 int simulate_command(const std::string& scenario, const std::string& out, Console& console);
-int calibrate_command(const std::string& captures, const std::string& out, Console& console);
+struct CalibrateArguments {
+  std::string captures, out, check;
+  bool allow_outside = false;
+};
+int calibrate_command(const CalibrateArguments& arguments, Console& console);
 int schema_command(const std::string& kind, Console& console);
 int show_command(const std::string& file, Console& console);
 int why_command(const std::string& item, const std::string& out, Console& console);

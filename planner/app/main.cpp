@@ -44,10 +44,12 @@ int run(int argc, char** argv) {
   c->add_option("--seed", demo.seed, "another seed, other parts");
   c->add_option("-j", demo.jobs_count, "items at a time")->check(CLI::PositiveNumber);
 
-  std::string captures, calibration;
-  c = add("calibrate", "from captures to a calibration with covariances", [&](Console& console) { return calibrate_command(captures, calibration, console); });
-  c->add_option("CAPTURES", captures, "the captures file (YAML)")->required();
-  c->add_option("--out", calibration, "the calibration to write (YAML)")->required();
+  CalibrateArguments calibrate;
+  c = add("calibrate", "from captures to a calibration with covariances", [&](Console& console) { return calibrate_command(calibrate, console); });
+  c->add_option("CAPTURES", calibrate.captures, "the captures file (YAML)")->required();
+  CLI::Option* calibrate_out = c->add_option("--out", calibrate.out, "the calibration to write (YAML)");
+  c->add_option("--check", calibrate.check, "write nothing; say whether the sensor still sees the target where this calibration (YAML) says")->excludes(calibrate_out);
+  c->add_flag("--allow-outside", calibrate.allow_outside, "files may lie outside the captures' folder");
 
   CadArguments cad;
   c = add("cad", "what the reader sees of a CAD file", [&](Console& console) { return cad_command(cad, console); });

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// simulate, calibrate, schema, show, why.
+// simulate, schema, show, why.
 #include <fmt/format.h>
 
 #include <filesystem>
@@ -19,11 +19,6 @@ int simulate_command(const std::string& file, const std::string& out, Console& c
   const std::string truth = (std::filesystem::path(out) / "truth").string();
   console.answer({{"asbuilt", "simulated/1"}, {"batch", made->artefact.string()}, {"truth", truth}}, "batch: " + made->artefact.string() + "\ntruth: " + truth + "\n");
   return 0;
-}
-
-int calibrate_command(const std::string& captures, const std::string&, Console& console) {
-  console.complain(captures + ": this version cannot make a calibration from captures; write calibration.yaml from your calibration tool (asbuilt schema calibration) [calibrate.not_available]");
-  return 2;
 }
 
 int schema_command(const std::string& kind, Console& console) {

@@ -3,6 +3,7 @@
 
 #include <Eigen/Dense>
 #include <Eigen/SVD>
+#include <algorithm>
 
 namespace asbuilt {
 namespace {
@@ -12,14 +13,12 @@ struct Motion {  // A X = X B
   Vec3 t_a, t_b;
 };
 
-std::vector<Motion> motions_of(const std::vector<TargetView>& views, double min_rad) {
+std::vector<Motion> motions_of(const std::vector<MotionView>& views, double min_rad) {
   std::vector<Motion> out;
-  std::vector<Pose<frame::Sensor, frame::Target>> C;
-  for (const TargetView& v : views) C.push_back(target_pose(v));
   for (std::size_t i = 0; i < views.size(); ++i)
     for (std::size_t j = i + 1; j < views.size(); ++j) {
-      const auto A = views[i].T_base_flange.inverse() * views[j].T_base_flange;
-      const auto B = C[i] * C[j].inverse();
+      const auto A = views[i].T_place_mount.inverse() * views[j].T_place_mount;
+      const auto B = views[i].T_sensor_target * views[j].T_sensor_target.inverse();
       if (quat_log(A.q).norm() < min_rad) continue;
       out.push_back({A.q, B.q, A.p_mm, B.p_mm});
     }
@@ -45,31 +44,24 @@ Vec3 translation_for(const std::vector<Motion>& m, const Mat3& R) {
   return N.ldlt().solve(b);
 }
 
-HandEyeStart finish(const std::string& method, const std::vector<Motion>& m, const Mat3& R, const Vec3& t) {
-  HandEyeStart s;
+MotionStart finish(const std::string& method, const Mat3& R, const Vec3& t) {
+  MotionStart s;
   s.method = method;
-  s.T_flange_sensor = {Eigen::Quaterniond(R).normalized(), t};
-  for (const Motion& k : m) {
-    const Eigen::Quaterniond X(R);
-    s.rotation_rms_rad += quat_log((k.q_a * X).conjugate() * (X * k.q_b)).squaredNorm() / static_cast<double>(m.size());
-    s.translation_rms_mm += (k.q_a * t + k.t_a - R * k.t_b - t).squaredNorm() / static_cast<double>(m.size());
-  }
-  s.rotation_rms_rad = std::sqrt(s.rotation_rms_rad);
-  s.translation_rms_mm = std::sqrt(s.translation_rms_mm);
+  s.T_mount_sensor = {Eigen::Quaterniond(R).normalized(), t};
   return s;
 }
 
-HandEyeStart park_martin(const std::vector<Motion>& m) {
+MotionStart park_martin(const std::vector<Motion>& m) {
   Mat3 M = Mat3::Zero();
   for (const Motion& k : m) M += quat_log(k.q_b) * quat_log(k.q_a).transpose();
   // R = (M^T M)^(-1/2) M^T
   Eigen::SelfAdjointEigenSolver<Mat3> es(M.transpose() * M);
   const Mat3 root = es.eigenvectors() * es.eigenvalues().cwiseMax(1e-300).cwiseSqrt().cwiseInverse().asDiagonal() * es.eigenvectors().transpose();
   const Mat3 R = nearest_rotation(root * M.transpose());
-  return finish("park-martin", m, R, translation_for(m, R));
+  return finish("park-martin", R, translation_for(m, R));
 }
 
-HandEyeStart andreff(const std::vector<Motion>& m) {
+MotionStart andreff(const std::vector<Motion>& m) {
   // [I9 - R_A (x) R_B, 0; I3 (x) t_B^T, I3 - R_A] [vec R; t] = [0; t_A], row-major vec; lengths scaled to the mean of t_B
   double length = 1e-9;
   for (const Motion& k : m) length += k.t_b.norm() / static_cast<double>(m.size());
@@ -95,10 +87,10 @@ HandEyeStart andreff(const std::vector<Motion>& m) {
   for (int i = 0; i < 3; ++i) R.row(i) = x.segment<3>(3 * i).transpose();
   if (R.determinant() < 0) R = -R;
   R = nearest_rotation(R);
-  return finish("andreff", m, R, translation_for(m, R));
+  return finish("andreff", R, translation_for(m, R));
 }
 
-HandEyeStart daniilidis(const std::vector<Motion>& m) {
+MotionStart daniilidis(const std::vector<Motion>& m) {
   // dual quaternions q + e q', q' = t q / 2; both with q0 >= 0 before they are stacked
   Eigen::Matrix<double, 8, 8> N = Eigen::Matrix<double, 8, 8>::Zero();
   for (const Motion& k : m) {
@@ -133,22 +125,140 @@ HandEyeStart daniilidis(const std::vector<Motion>& m) {
   const Eigen::Vector4d q = l1 * u1 + l2 * u2, d = l1 * w1 + l2 * w2;
   const Eigen::Quaterniond Q = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized();
   const Vec3 t = 2 * (Eigen::Quaterniond(d[0], d[1], d[2], d[3]) * Q.conjugate()).vec();
-  return finish("daniilidis", m, Q.toRotationMatrix(), t);
+  return finish("daniilidis", Q.toRotationMatrix(), t);
+}
+
+/// A X = Y B over single views: (R_B (x) R_A) vec R_X = vec R_Y by the largest singular pair, then linear in both translations.
+MotionStart shah(const std::vector<MotionView>& views) {
+  Eigen::Matrix<double, 9, 9> K = Eigen::Matrix<double, 9, 9>::Zero();
+  for (const MotionView& v : views) {
+    const Mat3 A = v.T_place_mount.rotation(), B = v.T_sensor_target.inverse().rotation();
+    for (int i = 0; i < 3; ++i)
+      for (int j = 0; j < 3; ++j) K.block<3, 3>(3 * i, 3 * j) += B(i, j) * A;
+  }
+  Eigen::JacobiSVD<Eigen::Matrix<double, 9, 9>> svd(K, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  const Eigen::Matrix<double, 9, 1> x = svd.matrixV().col(0), y = svd.matrixU().col(0);
+  Mat3 X, Y;
+  for (int i = 0; i < 3; ++i) X.col(i) = x.segment<3>(3 * i), Y.col(i) = y.segment<3>(3 * i);
+  if (X.determinant() < 0) X = -X, Y = -Y;
+  X = nearest_rotation(X), Y = nearest_rotation(Y);
+  Eigen::MatrixXd M(3 * views.size(), 6);
+  Eigen::VectorXd b(3 * views.size());
+  for (std::size_t k = 0; k < views.size(); ++k) {
+    const auto B = views[k].T_sensor_target.inverse();
+    const Eigen::Index at = static_cast<Eigen::Index>(3 * k);
+    M.block<3, 3>(at, 0) = views[k].T_place_mount.rotation(), M.block<3, 3>(at, 3) = -Mat3::Identity();
+    b.segment<3>(at) = Y * B.p_mm - views[k].T_place_mount.p_mm;
+  }
+  const Eigen::VectorXd t = M.colPivHouseholderQr().solve(b);
+  MotionStart s;
+  s.method = "shah";
+  s.T_mount_sensor = {Eigen::Quaterniond(X).normalized(), t.head<3>()};
+  return s;
+}
+
+/// The target's mean place given where the sensor sits, and how far the views are from it.
+void add_target(MotionStart& s, const std::vector<MotionView>& views) {
+  Eigen::Matrix4d Q = Eigen::Matrix4d::Zero();
+  Vec3 t = Vec3::Zero();
+  std::vector<Pose<frame::Place, frame::Target>> each;
+  for (const MotionView& v : views) {
+    each.push_back(v.T_place_mount * s.T_mount_sensor * v.T_sensor_target);
+    Q += each.back().q.coeffs() * each.back().q.coeffs().transpose();
+    t += each.back().p_mm / static_cast<double>(views.size());
+  }
+  Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d> es(Q);
+  s.T_place_target = {Eigen::Quaterniond(Eigen::Vector4d(es.eigenvectors().col(3))).normalized(), t};
+  for (const auto& T : each) {
+    s.rotation_rms_rad += quat_log(T.q.conjugate() * s.T_place_target.q).squaredNorm() / static_cast<double>(views.size());
+    s.translation_rms_mm += (T.p_mm - t).squaredNorm() / static_cast<double>(views.size());
+  }
+  s.rotation_rms_rad = std::sqrt(s.rotation_rms_rad), s.translation_rms_mm = std::sqrt(s.translation_rms_mm);
+}
+
+/// How much more the robot turned between two views than the sensor saw, and the difference of the screws' pitches (mm).
+double angle_gap(const Pose<frame::Place, frame::Mount>& a, const Pose<frame::Place, frame::Mount>& b, const Pose<frame::Sensor, frame::Target>& c,
+                 const Pose<frame::Sensor, frame::Target>& d) {
+  return std::abs(quat_log(a.q.conjugate() * b.q).norm() - quat_log(c.q * d.q.conjugate()).norm());
 }
 
 }  // namespace
 
-Pose<frame::Sensor, frame::Target> target_pose(const TargetView& view) {
-  must(view.p_target.size() == view.p_sensor.size() && view.p_target.size() >= 3, "a target's pose needs three points");
-  Eigen::Matrix3Xd a(3, view.p_target.size()), b(3, view.p_target.size());
-  for (std::size_t i = 0; i < view.p_target.size(); ++i) a.col(i) = view.p_target[i], b.col(i) = view.p_sensor[i];
+Pose<frame::Place, frame::Mount> place_mount(const Pose<frame::Base, frame::Flange>& T, bool is_sensor_fixed) {
+  if (!is_sensor_fixed) return {T.q, T.p_mm};
+  const auto back = T.inverse();
+  return {back.q, back.p_mm};
+}
+
+Pose<frame::Sensor, frame::Target> pose_of_points(const std::vector<Vec3>& p_target, const std::vector<Vec3>& p_sensor) {
+  must(p_target.size() == p_sensor.size() && p_target.size() >= 3, "a target's pose needs three points");
+  Eigen::Matrix3Xd a(3, p_target.size()), b(3, p_target.size());
+  for (std::size_t i = 0; i < p_target.size(); ++i) a.col(i) = p_target[i], b.col(i) = p_sensor[i];
   return Pose<frame::Sensor, frame::Target>(Eigen::Isometry3d(Eigen::umeyama(a, b, false)));
 }
 
-std::vector<HandEyeStart> hand_eye_starts(const std::vector<TargetView>& views, double min_motion_rad) {
+std::vector<MotionStart> motion_starts(const std::vector<MotionView>& views, double min_motion_rad) {
   const std::vector<Motion> m = motions_of(views, min_motion_rad);
   if (m.empty()) return {};
-  return {park_martin(m), andreff(m), daniilidis(m)};
+  std::vector<MotionStart> all{park_martin(m), andreff(m), daniilidis(m), shah(views)};
+  // of motions about one axis a closed form may be no number at all
+  std::erase_if(all, [](const MotionStart& s) { return !s.T_mount_sensor.p_mm.allFinite() || !s.T_mount_sensor.q.coeffs().allFinite() || s.T_mount_sensor.p_mm.norm() > 1e5; });
+  for (MotionStart& s : all) add_target(s, views);
+  return all;
+}
+
+std::vector<double> motion_disagreement_rad(const std::vector<MotionView>& views) {
+  std::vector<double> out;
+  for (std::size_t i = 0; i < views.size(); ++i) {
+    std::vector<double> gap;
+    for (std::size_t j = 0; j < views.size(); ++j)
+      if (i != j) gap.push_back(angle_gap(views[i].T_place_mount, views[j].T_place_mount, views[i].T_sensor_target, views[j].T_sensor_target));
+    if (gap.empty()) gap.push_back(0);
+    std::nth_element(gap.begin(), gap.begin() + static_cast<std::ptrdiff_t>(gap.size() / 2), gap.end());
+    out.push_back(gap[gap.size() / 2]);
+  }
+  return out;
+}
+
+MotionSpread motion_spread(const std::vector<Pose<frame::Place, frame::Mount>>& views) {
+  Mat3 M = Mat3::Zero();
+  std::size_t n = 0;
+  for (std::size_t i = 0; i < views.size(); ++i)
+    for (std::size_t j = i + 1; j < views.size(); ++j, ++n) {
+      const Vec3 w = quat_log(views[i].q.conjugate() * views[j].q);
+      M += w * w.transpose();
+    }
+  Eigen::SelfAdjointEigenSolver<Mat3> es(M / static_cast<double>(std::max<std::size_t>(1, n)));
+  MotionSpread out;
+  for (int i = 0; i < 3; ++i) out.axes.col(i) = es.eigenvectors().col(2 - i), out.rms_rad[i] = std::sqrt(std::max(0.0, es.eigenvalues()[2 - i]));
+  return out;
+}
+
+std::vector<int> choose_turns(const std::vector<Pose<frame::Place, frame::Mount>>& robot, const std::vector<std::vector<Pose<frame::Sensor, frame::Target>>>& turned) {
+  const std::size_t n = turned.size();
+  std::vector<int> best(n, 0);
+  double best_cost = 1e300;
+  const auto gap = [&](std::size_t i, int a, std::size_t j, int b) { return std::min(0.2, angle_gap(robot[i], robot[j], turned[i][a], turned[j][b])); };
+  for (std::size_t first = 0; first < n; ++first) {  // grow from each view in turn: one bad view must not lead
+    std::vector<int> pick(n, 0);
+    for (int pass = 0; pass < 4; ++pass)
+      for (std::size_t k = 0; k < n; ++k) {
+        const std::size_t i = (first + k) % n;
+        if (i == first) continue;
+        double least = 1e300;
+        for (int a = 0; a < static_cast<int>(turned[i].size()); ++a) {
+          double sum = 0;
+          for (std::size_t j = 0; j < n; ++j)
+            if (j != i && (pass > 0 || (j + n - first) % n < k)) sum += gap(i, a, j, pick[j]);
+          if (sum < least - 1e-12) least = sum, pick[i] = a;
+        }
+      }
+    double cost = 0;
+    for (std::size_t i = 0; i < n; ++i)
+      for (std::size_t j = i + 1; j < n; ++j) cost += gap(i, pick[i], j, pick[j]);
+    if (cost < best_cost - 1e-9) best_cost = cost, best = pick;
+  }
+  return best;
 }
 
 }  // namespace asbuilt

@@ -1,73 +1,54 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Hand-eye calibration of a sensor on the flange: three closed forms that check each other, then one joint solve in which the
-// robot's pose error is modelled, with the covariance that follows. Frames: base, flange, sensor, target. mm, rad.
+// Closed forms for A X = X B and A X = Y B from whole poses: they check each other and start the joint solve. mm, rad.
 #pragma once
 
 #include <string>
 #include <vector>
 
 #include "planner/base/frames.hpp"
-#include "planner/base/result.hpp"
+#include "planner/calibrate/network.hpp"
 
 namespace asbuilt {
 
-/// One capture: the commanded flange pose and the target's points as the sensor saw them.
-struct TargetView {
+/// One view as a pair of whole poses.
+struct MotionView {
   std::string name;
-  Pose<frame::Base, frame::Flange> T_base_flange;
-  std::vector<Vec3> p_target;  // the target's points that were seen, in the target's frame
-  std::vector<Vec3> p_sensor;  // parallel: as measured
+  Pose<frame::Place, frame::Mount> T_place_mount;      // by the robot
+  Pose<frame::Sensor, frame::Target> T_sensor_target;  // by the sensor
 };
 
-/// Pose of the target in the sensor from the points of one view (Horn / Umeyama, no scale). Needs three points off a line.
-Pose<frame::Sensor, frame::Target> target_pose(const TargetView& view);
-
-struct HandEyeStart {
-  std::string method;  // "park-martin", "andreff", "daniilidis"
-  Pose<frame::Flange, frame::Sensor> T_flange_sensor;
-  double rotation_rms_rad = 0, translation_rms_mm = 0;  // of A X - X B over the motion pairs
+struct MotionStart {
+  std::string method;  // "park-martin", "andreff", "daniilidis", "shah"
+  Pose<frame::Mount, frame::Sensor> T_mount_sensor;
+  Pose<frame::Place, frame::Target> T_place_target;
+  double rotation_rms_rad = 0, translation_rms_mm = 0;  // of A X - Y B over the views
 };
+
+/// The robot's pose of a view as place-mount: base-flange, or flange-base where the sensor is fixed.
+Pose<frame::Place, frame::Mount> place_mount(const Pose<frame::Base, frame::Flange>& T_base_flange, bool is_sensor_fixed);
+
+/// Pose of a set of points from where they were measured (Horn / Umeyama, no scale). Needs three points off a line.
+Pose<frame::Sensor, frame::Target> pose_of_points(const std::vector<Vec3>& p_target, const std::vector<Vec3>& p_sensor);
+
 /// Motion pairs with at least `min_motion_rad` of rotation enter. Empty when there are none.
-/// Sources: [ParkMartin1994], [Andreff2001], [Daniilidis1999]; the dual quaternions' signs are made canonical before stacking.
-std::vector<HandEyeStart> hand_eye_starts(const std::vector<TargetView>& views, double min_motion_rad);
+/// Sources: [ParkMartin1994], [Andreff2001], [Daniilidis1999], [Shah2013]; the dual quaternions' signs are made canonical before
+/// they are stacked.
+std::vector<MotionStart> motion_starts(const std::vector<MotionView>& views, double min_motion_rad);
 
-struct HandEyeRecipe {
-  double sensor_sd_mm = 0.01;         // of one target point
-  double robot_sd_mm = 0.25;          // of the flange's position, per axis, per pose
-  double robot_sd_rad = 5.2e-4;       // of the flange's orientation, per axis, per pose
-  double min_motion_rad = 0.26;       // 15 degrees
-  int held_out_every_count = 5;       // every n-th view is kept out of the solve and reports the accuracy
-  double spread_min_rad = 0.14;       // the two largest independent rotations between views must reach this
-  template <class S, class A>
-  static void visit(S& s, A&& a) {
-    a("sensor_sd", s.sensor_sd_mm), a("robot_sd", s.robot_sd_mm), a("robot_sd_angle", s.robot_sd_rad), a("min_motion", s.min_motion_rad);
-    a("held_out_every", s.held_out_every_count), a("spread_min", s.spread_min_rad);
-  }
+/// Robot and sensor must have turned by the same angle between two views, whatever X and Y are. For each view the median over its
+/// pairs of that difference (rad): a wrong pose or image stands out alone, a wrong angle convention in all of them.
+std::vector<double> motion_disagreement_rad(const std::vector<MotionView>& views);
+
+/// The turns of the robot between the views: principal axes in the mount's frame (columns, largest first) and root mean square
+/// turn about each (rad).
+struct MotionSpread {
+  Mat3 axes = Mat3::Identity();
+  Vec3 rms_rad = Vec3::Zero();
 };
+MotionSpread motion_spread(const std::vector<Pose<frame::Place, frame::Mount>>& views);
 
-struct ViewQuality {
-  std::string name;
-  bool is_held_out = false;
-  double residual_rms_mm = 0;  // before the robot's error is taken out
-  double robot_mm = 0, robot_rad = 0;  // the robot error that explains it best
-  double chi2_ratio = 0;       // squared whitened residual per degree of freedom; above 4: look at this view
-  double leverage_ratio = 0;   // 0..1, how much the answer hangs on this view
-};
-
-struct HandEye {
-  Pose<frame::Flange, frame::Sensor> T_flange_sensor;
-  Pose<frame::Base, frame::Target> T_base_target;
-  Mat6 covariance = Mat6::Zero();  // of T_flange_sensor, child frame, t then r
-  double held_out_rms_mm = 0;      // the accuracy to quote
-  double fit_rms_mm = 0;
-  std::vector<HandEyeStart> starts;
-  std::vector<ViewQuality> views;
-  double spread_rad = 0;           // second-largest independent rotation between the views
-};
-
-/// Model      z = (T_base_flange exp(delta) X)^-1 Y a + noise, delta ~ N(0, robot) about the flange, marginalised per view.
-/// Method     whitened Gauss-Newton (Ceres), Cauchy loss per view, restarted from each closed form; all must agree.
-/// Refuses    calibrate.too_few_views, calibrate.motion_degenerate, calibrate.starts_disagree, calibrate.not_converged.
-Result<Done<HandEye>> calibrate_hand_eye(const HandEyeRecipe& recipe, const std::vector<TargetView>& views);
+/// Where a board looks the same after half a turn (or a quarter), an image does not say which: picks for each view the turn
+/// about its z that agrees best with the robot's motions. `turned[k][i]`: the view's pose after the i-th turn.
+std::vector<int> choose_turns(const std::vector<Pose<frame::Place, frame::Mount>>& robot, const std::vector<std::vector<Pose<frame::Sensor, frame::Target>>>& turned);
 
 }  // namespace asbuilt

@@ -27,12 +27,53 @@ struct IntrinsicsText {
     v("distortion", s.distortion, {.is_optional = true, .doc = "k1, k2, p1, p2, k3"});
   }
 };
+struct HashedFileText {
+  std::string path, sha256;
+  template <class S, class V>
+  static void fields(S& s, V& v) {
+    v("path", s.path, {.doc = "as it was named"});
+    v("sha256", s.sha256, {.doc = "of its bytes"});
+  }
+};
+struct ReferenceViewText {
+  std::string name;
+  PoseText base_flange, sensor_target;
+  Mat6 covariance = Mat6::Zero();
+  template <class S, class V>
+  static void fields(S& s, V& v) {
+    v("name", s.name, {.doc = "of the capture"});
+    v("base_flange", s.base_flange, {.doc = "where the flange was"});
+    v("sensor_target", s.sensor_target, {.doc = "where the sensor saw the target"});
+    v("covariance", s.covariance, {.unit = "mm, rad", .doc = "6x6 of that, translation first, in the target's frame"});
+  }
+};
+/// How a calibration came about; the same for sensors, fixed sensors and tools.
+struct OriginText {
+  std::string created;
+  std::optional<double> held_out_mm, fit_rms, noise, robot_sd_mm, robot_turn_sd_deg;
+  std::optional<int> dof_count;
+  std::vector<HashedFileText> files;
+  std::vector<ReferenceViewText> references;
+  template <class S, class V>
+  static void fields(S& s, V& v) {
+    v("created", s.created, {.form = Form::date, .doc = "day of the captures"});
+    v("held_out", s.held_out_mm, {.unit = "mm", .min = 0, .max = 1000, .is_optional = true, .doc = "error of views that the solve had not seen: the accuracy"});
+    v("fit_rms", s.fit_rms, {.unit = "mm or px", .min = 0, .max = 1e4, .is_optional = true, .doc = "residual of the views it was made from"});
+    v("noise", s.noise, {.unit = "mm or px", .min = 0, .max = 1e4, .is_optional = true, .doc = "standard deviation of the sensor, as found"});
+    v("robot_sd", s.robot_sd_mm, {.unit = "mm", .min = 0, .max = 100, .is_optional = true, .doc = "of the robot's poses per axis, as found"});
+    v("robot_turn_sd", s.robot_turn_sd_deg, {.unit = "degree", .min = 0, .max = 100, .is_optional = true, .doc = "and of their turns"});
+    v("dof", s.dof_count, {.min = 0, .max = 1e9, .is_optional = true, .doc = "observations less unknowns"});
+    v("files", s.files, {.is_optional = true, .doc = "what it was made from"});
+    v("references", s.references, {.is_optional = true, .doc = "views kept for `asbuilt calibrate --check`"});
+  }
+};
 struct SensorCalibrationText {
   PoseText flange_sensor;
   Mat6 covariance = Mat6::Zero();
   std::optional<double> rms_mm;
   std::optional<int> captures_count;
   std::optional<IntrinsicsText> intrinsics;
+  std::optional<OriginText> origin;
   template <class S, class V>
   static void fields(S& s, V& v) {
     v("flange_sensor", s.flange_sensor, {.doc = "pose of the sensor in flange"});
@@ -40,16 +81,36 @@ struct SensorCalibrationText {
       {.unit = "mm, rad", .doc = "6x6, translation first, in the sensor's frame: true = given * [R(rot), trans]"});
     v("rms", s.rms_mm, {.unit = "mm", .min = 0, .max = 100, .is_optional = true, .doc = "residual of the calibration"});
     v("captures", s.captures_count, {.min = 0, .max = 1e6, .is_optional = true, .doc = "how many captures it was made from"});
-    v("intrinsics", s.intrinsics, {.is_optional = true, .doc = "of a depth camera"});
+    v("intrinsics", s.intrinsics, {.is_optional = true, .doc = "of a camera"});
+    v("origin", s.origin, {.is_optional = true, .doc = "how it came about"});
+  }
+};
+struct FixedSensorCalibrationText {
+  PoseText base_sensor;
+  Mat6 covariance = Mat6::Zero();
+  std::optional<double> rms_mm;
+  std::optional<int> captures_count;
+  std::optional<IntrinsicsText> intrinsics;
+  std::optional<OriginText> origin;
+  template <class S, class V>
+  static void fields(S& s, V& v) {
+    v("base_sensor", s.base_sensor, {.doc = "pose of the sensor in base"});
+    v("covariance", s.covariance, {.unit = "mm, rad", .doc = "6x6, translation first, in the sensor's frame"});
+    v("rms", s.rms_mm, {.unit = "mm", .min = 0, .max = 100, .is_optional = true, .doc = "residual of the calibration"});
+    v("captures", s.captures_count, {.min = 0, .max = 1e6, .is_optional = true, .doc = "how many captures it was made from"});
+    v("intrinsics", s.intrinsics, {.is_optional = true, .doc = "of a camera"});
+    v("origin", s.origin, {.is_optional = true, .doc = "how it came about"});
   }
 };
 struct ToolCalibrationText {
   PoseText flange_tool;
   Mat6 covariance = Mat6::Zero();
+  std::optional<OriginText> origin;
   template <class S, class V>
   static void fields(S& s, V& v) {
     v("flange_tool", s.flange_tool, {.doc = "pose of tool in flange; what the controller holds under the tool's number"});
     v("covariance", s.covariance, {.unit = "mm, rad", .doc = "6x6, translation first, in tool"});
+    v("origin", s.origin, {.is_optional = true, .doc = "how it came about"});
   }
 };
 struct OpwCorrectionText {
@@ -70,9 +131,11 @@ struct OpwCorrectionText {
 };
 struct RobotCalibrationText {
   std::optional<OpwCorrectionText> opw;
+  std::optional<OriginText> origin;
   template <class S, class V>
   static void fields(S& s, V& v) {
     v("opw", s.opw, {.is_optional = true, .doc = "corrections of the arm's constants"});
+    v("origin", s.origin, {.is_optional = true, .doc = "how they came about"});
   }
 };
 struct CalibrationFile {
@@ -82,6 +145,7 @@ struct CalibrationFile {
   std::string cell, created;
   int valid_days = 0;
   std::map<std::string, SensorCalibrationText> sensors;
+  std::map<std::string, FixedSensorCalibrationText> fixed_sensors;
   std::map<std::string, ToolCalibrationText> tools;
   std::optional<RobotCalibrationText> robot;
   template <class S, class V>
@@ -90,6 +154,7 @@ struct CalibrationFile {
     v("created", s.created, {.form = Form::date, .doc = "day it was made"});
     v("valid_days", s.valid_days, {.unit = "days", .min = 1, .max = 36500, .doc = "how long it holds"});
     v("sensors", s.sensors, {.doc = "by id of the cell's sensor"});
+    v("fixed_sensors", s.fixed_sensors, {.is_optional = true, .doc = "sensors that stand in the cell, by name; the planner itself does not use them"});
     v("tools", s.tools, {.is_optional = true, .doc = "by id of the cell's tool"});
     v("robot", s.robot, {.is_optional = true, .doc = "corrections of the arm"});
   }

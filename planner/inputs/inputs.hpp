@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "planner/artefacts/captures.hpp"
 #include "planner/artefacts/job.hpp"
 #include "planner/base/result.hpp"
 
@@ -52,6 +53,36 @@ std::string job_inputs_hash(const Batch& batch, const std::string& item_id, cons
 /// stand in place of the nominal ones; its age is not judged here.
 Result<Done<CellSpec>> load_cell(const std::filesystem::path& file, const InputsRecipe& recipe,
                                  const std::filesystem::path& calibration = {});
+
+/// Reads and checks a captures file, the cell it names (without its meshes), every file of its captures and the calibration
+/// until now. Its folder is the root.
+/// Units     in: as declared; out: mm, rad, px.
+/// Refuses   input.*, each with file, line, field.
+Result<Done<CalibrationRequest>> load_captures(const std::filesystem::path& file, const InputsRecipe& recipe);
+
+/// Reads the calibration of one subject out of a calibration file; refuses input.*, input.not_in_calibration.
+Result<EarlierCalibration> load_earlier(const std::filesystem::path& file, CalibrationRequest::Subject subject, bool is_sensor_fixed, const std::string& id);
+
+/// What a calibration file says of one sensor, fixed sensor or tool, and how it came about; written as YAML by calibration_yaml.
+struct CalibrationEntry {
+  CalibrationRequest::Subject subject = CalibrationRequest::Subject::sensor;
+  std::string id;
+  bool is_sensor_fixed = false;
+  Pose<frame::Flange, frame::Sensor> T_flange_sensor;  // of a tool: flange, tool; of a fixed sensor: base, sensor
+  Mat6 covariance = Mat6::Zero();
+  double rms_mm = 0;
+  int captures_count = 0;
+  std::optional<CameraConstants> camera;
+  std::optional<OpwParameters> arm;  // Subject::robot: added to the cell's constants
+  std::string created;
+  double held_out_mm = 0, fit_rms = 0, noise = 0, robot_sd_mm = 0, robot_sd_rad = 0;
+  int dof = 0;
+  std::vector<InputFile> files;
+  std::vector<ReferenceView> references;
+};
+/// The text of a calibration file: this entry, and of the earlier file what is about other things. The day of the file is the
+/// oldest of its entries. The same entry gives the same bytes.
+std::string calibration_yaml(const std::string& cell_file, int valid_days, const CalibrationEntry& entry, const std::string& earlier_yaml);
 
 /// Every fault of one file of a kind, by itself; empty when there is none. Other files it names are not opened.
 Refusals check_file(const std::string& kind, const std::filesystem::path& file);
