@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "planner/burr/statistics.hpp"
+#include "planner/report/burr_statistics.hpp"
 #include "planner/report/json_text.hpp"
 
 namespace asbuilt {

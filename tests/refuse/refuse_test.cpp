@@ -159,7 +159,7 @@ TEST(Refuse, every_code_is_provoked_by_a_test) {
       const std::string text = e.is_regular_file() ? read(e.path()) : "";
       for (std::sregex_iterator it(text.begin(), text.end(), code), end; it != end; ++it) given.insert((*it)[1]);
     }
-  for (const char* room : {"tests/refuse", "tests/unit/inputs", "tests/unit/io"})
+  for (const char* room : {"tests/refuse", "tests/unit/inputs", "tests/unit/io", "tests/unit/calibrate"})
     for (const auto& e : fs::recursive_directory_iterator(room))
       if (e.is_regular_file()) tests += read(e.path());
   EXPECT_GT(given.size(), 50u);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-#include "planner/burr/statistics.hpp"
+#include "planner/report/burr_statistics.hpp"
 
 #include <algorithm>
 #include <boost/math/distributions/students_t.hpp>
