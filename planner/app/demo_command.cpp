@@ -31,7 +31,8 @@ std::vector<DemoItem> demo_items(std::uint64_t seed) {
   };
   return {{"ring-0001", "a bearing ring with lugs", scenario("ring", 0, "", "ring-0001"), {}},
           {"ring-0002", "another ring, turned and tilted otherwise", scenario("ring", 3, "", "ring-0002"), {}},
-          {"bracket-0001", "a bracket", scenario("bracket", 3, "", "bracket-0001"), {}},
+          {"casting-0001", "a casting with flash, shrunk and bent", scenario("casting", 0, "", "casting-0001"), {}},
+          {"freeform-0001", "a part with a free-form face", scenario("freeform", 3, "", "freeform-0001"), {}},
           {"ring-trap-unseen", "trap: one lug was never scanned in detail", scenario("ring", 3, "edge_unscanned", "ring-trap-unseen"), {"fit", "burr", "locate"}},
           {"ring-trap-no-lugs", "trap: the lugs are missing, nothing holds the turn", scenario("ring", 4, "lugs_missing", "ring-trap-no-lugs"), {"locate", "fit"}},
           {"ring-trap-old", "trap: the calibration is out of date", scenario("ring", 5, "expired", "ring-trap-old"), {"input"}}};
