@@ -10,7 +10,7 @@
 namespace asbuilt {
 
 namespace {
-constexpr double kRootWidthMm = 0.2;       // thickness where none was measured
+constexpr double kRootWidthMm = 0.2;       // thickness where none was measured, and the least that is believed
 constexpr double kThicknessQuantile = 0.85;
 constexpr double kThinMm = 0.1;            // below this height a cross-section says little
 constexpr std::size_t kRatiosLeastCount = 20, kAroundCount = 2;  // stations for a thickness; neighbours to either side
@@ -31,7 +31,8 @@ double burr_thickness_mm(const std::vector<const EdgeBurr*>& burrs) {
   if (ratios.size() < kRatiosLeastCount) return kRootWidthMm;
   const auto k = static_cast<std::ptrdiff_t>(kThicknessQuantile * static_cast<double>(ratios.size() - 1));
   std::nth_element(ratios.begin(), ratios.begin() + k, ratios.end());
-  return ratios[static_cast<std::size_t>(k)];
+  // A fin seen from one side reads thin: never faster than where nothing was measured.
+  return std::max(kRootWidthMm, ratios[static_cast<std::size_t>(k)]);
 }
 
 std::vector<BurrBound> burr_bounds(const EdgeBurr& burr, double burr_max_height_mm, double thickness_mm) {

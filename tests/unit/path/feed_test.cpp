@@ -31,15 +31,17 @@ TEST(Feed, thickness_is_that_of_the_kind_of_burr_and_a_thick_one_still_counts) {
   for (int i = 0; i < 400; ++i) {
     const double h = 0.3 + 0.1 * std::sin(0.05 * i);
     b.height_mm.push_back(h), b.height_upper_mm.push_back(h + 0.02), b.width_mm.push_back(0.1), b.height_sd_mm.push_back(0.01);
-    b.area_mm2.push_back(h * 0.1 * std::exp(0.4 * random.normal())), b.coverage_ratio.push_back(1);
+    b.area_mm2.push_back(h * 0.3 * std::exp(0.4 * random.normal())), b.coverage_ratio.push_back(1);
   }
   const double thickness = burr_thickness_mm({&b});
-  EXPECT_NEAR(thickness, 0.1 * std::exp(0.4 * 1.0364), 0.02);
-  for (int i = 200; i < 240; ++i) b.area_mm2[static_cast<std::size_t>(i)] = 0.5;
+  EXPECT_NEAR(thickness, 0.3 * std::exp(0.4 * 1.0364), 0.06);
+  for (int i = 200; i < 240; ++i) b.area_mm2[static_cast<std::size_t>(i)] = 0.9;
   const auto bounds = burr_bounds(b, 1.5, thickness);
   EXPECT_NEAR(bounds[100].area_mm2, bounds[100].height_mm * thickness, 1e-9);
   EXPECT_GT(bounds[220].area_mm2, 0.5);
   EXPECT_DOUBLE_EQ(burr_thickness_mm({}), 0.2);
+  for (double& a : b.area_mm2) a *= 0.1;  // seen from one side: read thin, not believed
+  EXPECT_DOUBLE_EQ(burr_thickness_mm({&b}), 0.2);
 }
 
 TEST(Feed, a_larger_burr_never_takes_a_smaller_cross_section) {
