@@ -29,6 +29,10 @@ void bisect(const Curve& c, double ta, const CurvePoint& a, double tb, const Cur
 
 }  // namespace
 
+bool is_settled(const Vec3& normal, const Vec3& inside, double angle_rad) {
+  return inside.isZero() || (!normal.isZero() && std::atan2(normal.cross(inside).norm(), normal.dot(inside)) <= 0.5 * angle_rad);
+}
+
 std::vector<double> sample_curve(const Curve& c, double t0, double t1, const Tolerance& tol, int count_min) {
   std::vector<double> breaks{t0};
   const auto uniform = [&](int n) {
@@ -120,8 +124,7 @@ void follow_normals(const Body& body, TopoEdge& e, double angle_rad) {
     if (std::holds_alternative<PlaneSurface>(s.shape)) continue;
     if (is_line && (std::holds_alternative<CylinderSurface>(s.shape) || std::holds_alternative<ConeSurface>(s.shape))) continue;
     std::optional<Vec2> seed;
-    const auto normal = [&](double t) -> Vec3 {
-      const Vec3 p = evaluate(e.curve, t).p;
+    const auto normal_at = [&](const Vec3& p) -> Vec3 {
       SurfaceFoot g = project(s, d, p, seed);
       if (seed && !has_closed_form_foot(s) && (g.p - p).norm() > 1e-3) g = project(s, d, p);
       seed = Vec2(g.u, g.v);
@@ -129,17 +132,33 @@ void follow_normals(const Body& body, TopoEdge& e, double angle_rad) {
       const bool is_pole = j.du.cross(j.dv).norm() < 1e-6 * std::max(j.du.squaredNorm(), j.dv.squaredNorm());
       return is_pole ? Vec3(Vec3::Zero()) : g.n;
     };
-    for (int round = 0; round < 4 && e.t.size() < 20000; ++round) {
+    const auto point = [&](double t) -> Vec3 {  // ends are the vertices, which need not lie on the curve
+      const int end = t == e.t.front() ? e.v0 : t == e.t.back() ? e.v1 : -1;
+      return end < 0 ? evaluate(e.curve, t).p : body.vertices[static_cast<std::size_t>(end)].p;
+    };
+    const auto turn_of = [](const Vec3& a, const Vec3& b) {
+      return a.isZero() || b.isZero() ? 0 : std::atan2(a.cross(b).norm(), a.dot(b));
+    };
+    for (int round = 0; round < 10 && e.t.size() < 20000; ++round) {
       std::vector<double> t{e.t[0]};
       seed.reset();
-      Vec3 a = normal(e.t[0]);
+      Vec3 p = point(e.t[0]), a = normal_at(p);
       for (std::size_t i = 1; i < e.t.size(); ++i) {
-        const Vec3 b = normal(e.t[i]);
-        const double turn = a.isZero() || b.isZero() ? 0 : std::atan2(a.cross(b).norm(), a.dot(b));
+        const Vec3 q = point(e.t[i]), b = normal_at(q);
+        double turn = turn_of(a, b);
+        const double l = (q - p).norm();
+        if (turn > angle_rad || a.isZero() || b.isZero()) {  // an end may have no normal of its own: it is taken a little inside then
+          const double part = l > 2 * kNormalReach_mm ? kNormalReach_mm / l : 0.5;
+          seed.reset();  // where sides run together the way from foot to foot may lead astray
+          const Vec3 a_in = normal_at(p + part * (q - p));
+          seed.reset();
+          const Vec3 b_in = normal_at(q + part * (p - q));
+          turn = turn_of(is_settled(a, a_in, angle_rad) ? a : a_in, is_settled(b, b_in, angle_rad) ? b : b_in);
+        }
         const int n = std::clamp(static_cast<int>(std::ceil(turn / angle_rad - 1e-3)), 1, 16);
         for (int k = 1; k < n; ++k) t.push_back(e.t[i - 1] + (e.t[i] - e.t[i - 1]) * k / n);
         t.push_back(e.t[i]);
-        a = b;
+        p = q, a = b;
       }
       if (t.size() == e.t.size()) break;
       e.t = std::move(t);

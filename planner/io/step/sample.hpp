@@ -10,6 +10,11 @@ struct Tolerance {
   double chord_mm = 0.02, angle_rad = 0.1745;
 };
 
+/// A point where the normal turns by more than half the angle within this length (a pole, a corner where the surface's own sides run
+/// together) has no normal of its own: what counts is the normal this far inside.
+constexpr double kNormalReach_mm = 1e-3;
+bool is_settled(const Vec3& normal, const Vec3& normal_inside, double angle_rad);
+
 /// Parameters from t0 to t1 (either direction) so that chords stay within the chord tolerance and tangents turn by at most the
 /// angle between neighbours.
 std::vector<double> sample_curve(const Curve& c, double t0, double t1, const Tolerance& tolerance, int count_min = 1);

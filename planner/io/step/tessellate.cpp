@@ -380,18 +380,33 @@ class FaceMesher {
     }
     if (found) more.push_back(pick);
   }
-  /// Angle between the normals at two chart points; 0 where one of them has none (a pole).
+  static Vec3 normal_of(const Chart::Jet& j) {
+    const Vec3 n = j.d0.cross(j.d1);
+    const double l = n.norm();
+    return l > 1e-6 * std::max(j.d0.squaredNorm(), j.d1.squaredNorm()) ? Vec3(n / l) : Vec3::Zero();
+  }
+  /// The normal on the way from a to b, kNormalReach_mm from a.
+  static Vec3 normal_inside(const Chart& chart, const Vec2& a, const Vec2& b, double length_mm) {
+    double part = kNormalReach_mm / length_mm;
+    const Vec3 p = chart.at(a).p;
+    while (part < 0.25 && (chart.at(a + part * (b - a)).p - p).norm() < kNormalReach_mm) part *= 2;
+    return normal_of(chart.at(a + part * (b - a)));
+  }
+  /// Angle between the normals at two chart points; where an end has none of its own, the normal a little inside counts.
   double turn(const Chart& chart, const std::vector<Vec2>& q, std::size_t a, std::size_t b) {
     if (normals_.size() < q.size()) normals_.resize(q.size(), Vec3::Constant(2));
-    for (std::size_t k : {a, b}) {
-      if (normals_[k].x() < 2) continue;
-      const Chart::Jet j = chart.at(q[k]);
-      const Vec3 n = j.d0.cross(j.d1);
-      const double l = n.norm();
-      normals_[k] = l > 1e-6 * std::max(j.d0.squaredNorm(), j.d1.squaredNorm()) ? Vec3(n / l) : Vec3::Zero();
-    }
-    return std::atan2(normals_[a].cross(normals_[b]).norm(),
-                      normals_[a].dot(normals_[b]) + (normals_[a].isZero() || normals_[b].isZero() ? 1 : 0));
+    for (std::size_t k : {a, b})
+      if (normals_[k].x() == 2) normals_[k] = normal_of(chart.at(q[k]));
+    const auto between = [](const Vec3& x, const Vec3& y) {
+      return x.isZero() || y.isZero() ? 0 : std::atan2(x.cross(y).norm(), x.dot(y));
+    };
+    const double turn = between(normals_[a], normals_[b]);
+    if (turn <= tol_.angle_rad && !normals_[a].isZero() && !normals_[b].isZero()) return turn;
+    const double l = (chart.at(q[b]).p - chart.at(q[a]).p).norm();
+    if (l < 4 * kNormalReach_mm) return turn;
+    const Vec3 x = normal_inside(chart, q[a], q[b], l), y = normal_inside(chart, q[b], q[a], l);
+    return between(is_settled(normals_[a], x, tol_.angle_rad) ? normals_[a] : x,
+                   is_settled(normals_[b], y, tol_.angle_rad) ? normals_[b] : y);
   }
   double off(const Chart& chart, const Vec2& m, const Vec3& p) const {
     const Chart::Jet j = chart.at(m);

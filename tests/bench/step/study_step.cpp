@@ -24,7 +24,7 @@ int main(int argc, char** argv) {
   std::sort(files.begin(), files.end());
   std::printf("%-42s %9s %8s %9s %9s %9s %9s %8s %8s %s\n", "file", "chord mm", "tri", "inside/c", "edges/c", "over", "turn/a", "turns>",
               "closed", "euler");
-  std::size_t samples = 0, over = 0, turns = 0, turns_over = 0;
+  std::size_t samples = 0, over = 0, turns = 0, turns_over = 0, singular = 0, short_singular = 0;
   int solids = 0, closed = 0, right = 0, files_over = 0;
   for (const fs::path& p : files) {
     const std::string name = p.filename().string();
@@ -55,6 +55,7 @@ int main(int argc, char** argv) {
       for (int e : want)
         if (const auto it = eulers.find(e); it != eulers.end()) eulers.erase(it), ++match;
       samples += c.samples, over += c.over, turns += c.turns, turns_over += c.turns_over;
+      singular += c.singular, short_singular += c.short_singular;
       solids += b.solids_count, closed += std::min(these, b.solids_count), right += match, files_over += c.over > 0;
       std::printf("%-42s %9.4g %8zu %9.3f %9.3f %9zu %9.3f %8zu %4d/%-4d %d/%zu %s\n", name.c_str(), o.chord_mm, b.mesh.triangles.size(),
                   c.worst_mm / o.chord_mm, c.worst_edge_mm / o.chord_mm, c.over, c.worst_turn_rad / angle, c.turns_over, these,
@@ -66,8 +67,8 @@ int main(int argc, char** argv) {
     }
   }
   std::printf(
-      "%zu samples, %zu over the chord in %d meshes; %zu sides, %zu over the angle; %d of %d solids closed, %d with the right Euler "
+      "%zu samples, %zu over the chord in %d meshes; %zu sides, %zu over the angle (%zu measured a micrometre inside an end without a normal, %zu of them shorter than two); %d of %d solids closed, %d with the right Euler "
       "number\n",
-      samples, over, files_over, turns, turns_over, closed, solids, right);
-  return over == 0 && closed == solids && right == solids ? 0 : 1;
+      samples, over, files_over, turns, turns_over, singular, short_singular, closed, solids, right);
+  return over == 0 && turns_over == 0 && closed == solids && right == solids ? 0 : 1;
 }

@@ -21,6 +21,7 @@ struct ChordCheck {
   double worst_gap_mm = 0;    // how far the file's own edges lie off their surfaces: no mesh can be nearer
   double worst_turn_rad = 0;  // normals of one face at the two ends of a mesh side
   std::size_t samples = 0, over = 0, turns_over = 0, turns = 0;  // over the limits given
+  std::size_t singular = 0, short_singular = 0;  // sides held only because an end has no normal of its own; of these shorter than 2 um
   std::string face, turn_face;                                   // of the worst
 };
 
@@ -64,14 +65,18 @@ inline ChordCheck check_chords(const Brep& b, int n, double limit_mm, double lim
     // Slivers between points of one straight border have no inside; their long side is the border again.
     const double longest = std::max({(p[1] - p[0]).norm(), (p[2] - p[1]).norm(), (p[0] - p[2]).norm()});
     const bool is_sliver = (p[1] - p[0]).cross(p[2] - p[0]).norm() < 1e-7 * longest * longest;
-    for (int k = 0; k < 3 && !is_sliver; ++k) {  // the turn of the exact normal along each side; ends at poles have no normal of their own
-      const SurfaceFoot &x = foot[k], &y = foot[(k + 1) % 3];
-      const double turn = std::atan2(x.n.cross(y.n).norm(), x.n.dot(y.n));
-      const auto singular = [&](const SurfaceFoot& q) {
-        const SurfaceJet j = evaluate_jet(f.surface, q.u, q.v, 1);
-        return j.du.cross(j.dv).norm() < 1e-6 * std::max(j.du.squaredNorm(), j.dv.squaredNorm());
-      };
-      if (turn > limit_rad && (singular(x) || singular(y))) continue;
+    for (int k = 0; k < 3 && !is_sliver; ++k) {  // the turn of the exact normal along each side
+      const int k_next = (k + 1) % 3;
+      const SurfaceFoot &x = foot[k], &y = foot[k_next];
+      const auto between = [](const Vec3& m, const Vec3& w) { return std::atan2(m.cross(w).norm(), m.dot(w)); };
+      double turn = between(x.n, y.n);
+      if (turn > limit_rad) {  // an end whose normal is another one a micrometre inside has none of its own: that one counts
+        const double l = (p[k_next] - p[k]).norm(), part = l > 2e-3 ? 1e-3 / l : 0.5;
+        const Vec3 x_in = project(f.surface, d.domain, p[k] + part * (p[k_next] - p[k])).n;
+        const Vec3 y_in = project(f.surface, d.domain, p[k_next] + part * (p[k] - p[k_next])).n;
+        turn = between(between(x.n, x_in) > 0.5 * limit_rad ? x_in : x.n, between(y.n, y_in) > 0.5 * limit_rad ? y_in : y.n);
+        out.singular += turn <= 1.001 * limit_rad, out.short_singular += turn <= 1.001 * limit_rad && l <= 2e-3;
+      }
       ++out.turns;
       out.turns_over += turn > 1.001 * limit_rad;
       if (turn > out.worst_turn_rad) out.worst_turn_rad = turn, out.turn_face = f.id + " " + std::string(surface_type(f.surface));
