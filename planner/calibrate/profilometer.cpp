@@ -263,6 +263,8 @@ Result<Done<ProfilometerCalibration>> calibrate_profilometer(const ProfilometerR
     information = information_of(problem, solved.state), C = covariance_of(information, table.size);
   }
 
+  solved.state = polished(problem, solved.state);
+  information = information_of(problem, solved.state), C = covariance_of(information, table.size);
   out.state = solved.state;
   out.parameters = table.names;
   out.covariance = C;

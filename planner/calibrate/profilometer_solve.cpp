@@ -349,6 +349,36 @@ Information information_of(const ProfilometerProblem& problem, const Profilomete
   return out;
 }
 
+ProfilometerState polished(const ProfilometerProblem& problem, ProfilometerState s) {
+  const ParameterTable table = parameter_table(problem);
+  const Eigen::Index n = problem.parameter_count();
+  for (int round = 0; round < 4; ++round) {
+    Eigen::MatrixXd H = Eigen::MatrixXd::Zero(n, n);
+    Eigen::VectorXd gradient = Eigen::VectorXd::Zero(n);
+    for (std::size_t g = 0; g < problem.groups.size(); ++g) {
+      const std::vector<HoleView> passes = smoothed(problem, g, s);
+      PoseGroup clean = problem.groups[g];
+      for (std::size_t k = 0; k < passes.size(); ++k) clean.passes[k] = &passes[k];
+      Eigen::MatrixXd J = group_residuals(*problem.plate, clean, s, true).J;
+      Eigen::VectorXd r = group_residuals(*problem.plate, problem.groups[g], s, false).r;
+      const Whitener w = whitener_of(problem, g, s);
+      w.apply(J), w.apply(r);
+      H.selfadjointView<Eigen::Lower>().rankUpdate(J.transpose());
+      gradient += J.transpose() * r;
+    }
+    H = H.selfadjointView<Eigen::Lower>();
+    const Eigen::VectorXd offsets = prior_offsets(problem, s);
+    for (Eigen::Index i = 0; i < n; ++i)
+      if (std::isfinite(table.prior_sd[i])) H(i, i) += 1 / (table.prior_sd[i] * table.prior_sd[i]), gradient[i] += offsets[i] / table.prior_sd[i];
+    const Eigen::VectorXd d = H.diagonal().cwiseSqrt().cwiseInverse();
+    const Eigen::VectorXd step = -(d.asDiagonal() * (d.asDiagonal() * H * d.asDiagonal()).ldlt().solve(d.asDiagonal() * gradient));
+    if (!step.allFinite()) break;
+    s = moved(s, step);
+    if (step.cwiseAbs2().dot(H.diagonal()) < 1e-4) break;
+  }
+  return s;
+}
+
 Eigen::MatrixXd covariance_of(const Information& information, const Eigen::VectorXd& size) {
   Eigen::MatrixXd H = information.data;
   H.diagonal() += information.prior;

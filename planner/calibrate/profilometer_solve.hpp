@@ -91,6 +91,10 @@ struct Information {
   Eigen::VectorXd prior;
 };
 Information information_of(const ProfilometerProblem& problem, const ProfilometerState& state);
+/// A few Gauss-Newton steps from a solution with the derivatives of the smoothed sightings. Least squares takes derivatives at the measured
+/// pixels, whose noise is that of the residuals: their product does not average out and bends weak directions by up to an sd.
+ProfilometerState polished(const ProfilometerProblem& problem, ProfilometerState state);
+
 /// (data + prior)^-1, scaled before it is inverted.
 Eigen::MatrixXd covariance_of(const Information& information, const Eigen::VectorXd& size);
 
