@@ -9,6 +9,7 @@
 #include "planner/base/number.hpp"
 #include "planner/calibrate/calibrate.hpp"
 #include "planner/calibrate/check.hpp"
+#include "planner/calibrate/profilometer_job.hpp"
 #include "planner/inputs/dates.hpp"
 #include "planner/inputs/inputs.hpp"
 #include "planner/io/file.hpp"
@@ -111,7 +112,15 @@ int check(const CalibrateArguments& a, const CalibrationRequest& job, Console& c
                                .stage = "input"}});
     return 3;
   }
-  const auto checked = check_calibration(job, *earlier);
+  CalibrationRequest seen = job;
+  std::vector<Note> notes;
+  if (job.target.kind == TargetKind::hole_plate) {
+    auto poses = plate_poses(job, *earlier);
+    if (!poses) return console.complain(poses.error()), status_of(poses.error());
+    seen = std::move(poses->artefact), notes = std::move(poses->notes);
+  }
+  auto checked = check_calibration(seen, *earlier);
+  if (checked) checked->notes.insert(checked->notes.begin(), notes.begin(), notes.end());
   if (!checked) return console.complain(checked.error()), status_of(checked.error());
   const CheckResult& r = checked->artefact;
   Json j{{"asbuilt", "calibration-check/1"}, {"id", job.id}, {"calibration", a.check}, {"age_days", made && day ? *day - *made : 0}, {"probability", r.probability_ratio}, {"captures", Json::array()}};
@@ -124,6 +133,70 @@ int check(const CalibrateArguments& a, const CalibrationRequest& job, Console& c
   return 0;
 }
 
+int write_calibration(const CalibrateArguments& a, const std::string& text, Console& console) {
+  if (auto written = write_file(a.out, text); !written) return console.complain(written.error()), 2;
+  if (const Refusals faults = check_file("calibration", a.out); !faults.empty()) return console.complain(faults), 1;  // what we write we can read
+  console.say("calibration: " + a.out);
+  return 0;
+}
+
+Json hole_plate_json(const CalibrationRequest& job, const ProfilometerResult& r, const std::vector<Note>& notes) {
+  const ProfilometerCalibration& c = r.solved;
+  const auto vec = [](const Vec3& v) { return Json{v.x(), v.y(), v.z()}; };
+  Json j{{"asbuilt", "calibration-report/1"},
+         {"subject", "sensor"},
+         {"id", job.id},
+         {"pose", pose_json(r.T_flange_sensor)},
+         {"covariance", matrix_json(r.covariance)},
+         {"unit", "mm"},
+         {"held_out", {{"rms_mm", vec(c.held_out_rms_mm)}, {"chi2", c.held_out_chi2_ratio}}},
+         {"fit_rms_mm", vec(c.fit_rms_mm)},
+         {"field_sd_mm", {{"median", vec(c.field.median_sd_mm)}, {"max", vec(c.field.max_sd_mm)}, {"form", c.field.form_sd_mm}}},
+         {"latency_s", {{"value", c.state.latency_s}, {"sd", c.latency_sd_s}}},
+         {"robot_scale", c.robot_scale_ratio},
+         {"holes", c.hole_count},
+         {"outliers", c.outlier_count},
+         {"restarts", c.restart_count},
+         {"parameters", Json::array()},
+         {"parameters_covariance", Json::array()},
+         {"not_told", Json::array()},
+         {"poses", Json::array()},
+         {"notes", Json::array()}};
+  const Eigen::VectorXd& values = c.state.intrinsics.values;
+  for (std::size_t i = 0; i < c.parameters.size(); ++i) {
+    const auto at = Eigen::Index(i);
+    Json p{{"name", c.parameters[i]}, {"sd", std::sqrt(std::max(0.0, c.covariance(at, at)))}};
+    if (at < values.size()) p["value"] = values[at];
+    j["parameters"].push_back(p);
+    Json row = Json::array();
+    for (Eigen::Index k = 0; k < c.covariance.cols(); ++k) row.push_back(c.covariance(at, k));
+    j["parameters_covariance"].push_back(row);
+  }
+  for (const OpenDirection& d : c.open) j["not_told"].push_back({{"text", d.name}, {"prior_share", d.prior_share_ratio}, {"field_mm", d.field_mm}});
+  for (const PoseQuality& p : c.poses)
+    j["poses"].push_back({{"name", p.name}, {"held_out", p.is_held_out}, {"left_out", p.is_left_out}, {"holes", p.hole_count}, {"rms_mm", vec(p.rms_target_mm)}, {"robot_mm", p.robot_mm},
+                          {"robot_deg", deg_from_rad(p.robot_rad)}});
+  for (const Note& n : notes) j["notes"].push_back({{"level", n.level == Note::Level::warning ? "warning" : "note"}, {"code", n.code}, {"text", n.text}, {"where", n.where}});
+  return j;
+}
+
+int hole_plate(const CalibrateArguments& a, const CalibrationRequest& job, std::vector<Note> notes, Console& console) {
+  auto made = calibrate_hole_plate(job);
+  if (!made) return console.complain(made.error()), status_of(made.error());
+  notes.insert(notes.end(), made->notes.begin(), made->notes.end());
+  const ProfilometerResult& r = made->artefact;
+  CalibrationEntry e;
+  e.subject = job.subject, e.id = job.id, e.T_flange_sensor = r.T_flange_sensor, e.covariance = r.covariance;
+  e.rms_mm = r.accuracy_mm, e.captures_count = int(job.captures.size()), e.profile_map = r.map, e.created = job.taken;
+  e.held_out_mm = r.accuracy_mm, e.fit_rms = r.solved.fit_rms_mm.norm(), e.noise = r.noise_mm;
+  e.robot_sd_mm = job.robot_sd_mm * r.solved.robot_scale_ratio, e.robot_sd_rad = job.robot_sd_rad * r.solved.robot_scale_ratio;
+  e.dof = int(3 * r.solved.hole_count) - int(r.solved.parameters.size());
+  e.files = job.inputs, e.references = r.references;
+  if (const int status = write_calibration(a, calibration_yaml(job.cell_file, job.valid_days, e, job.earlier_others), console)) return status;
+  console.answer(hole_plate_json(job, r, notes), hole_plate_report(job, r) + note_text(notes));
+  return 0;
+}
+
 }  // namespace
 
 int calibrate_command(const CalibrateArguments& a, Console& console) {
@@ -133,14 +206,13 @@ int calibrate_command(const CalibrateArguments& a, Console& console) {
   const CalibrationRequest& job = loaded->artefact;
   std::vector<Note> notes = loaded->notes;
   if (!a.check.empty()) return check(a, job, console);
+  if (job.target.kind == TargetKind::hole_plate) return hole_plate(a, job, std::move(notes), console);
   auto made = calibrate(job);
   if (!made) return console.complain(made.error()), status_of(made.error());
   notes.insert(notes.end(), made->notes.begin(), made->notes.end());
   const CalibrationResult& r = made->artefact;
   const std::string text = calibration_yaml(job.cell_file, job.valid_days, entry_of(job, r), job.earlier_others);
-  if (auto written = write_file(a.out, text); !written) return console.complain(written.error()), 2;
-  if (const Refusals faults = check_file("calibration", a.out); !faults.empty()) return console.complain(faults), 1;  // what we write we can read
-  console.say("calibration: " + a.out);
+  if (const int status = write_calibration(a, text, console)) return status;
   console.answer(report_json(job, r, notes), calibration_report(job, r) + note_text(notes));
   return 0;
 }

@@ -9,7 +9,9 @@
 #include <vector>
 
 #include "planner/artefacts/job.hpp"
+#include "planner/artefacts/profiles.hpp"
 #include "planner/base/frames.hpp"
+#include "planner/geom/profilometer_model.hpp"
 
 namespace asbuilt {
 
@@ -20,6 +22,7 @@ struct TargetSpec {
   double diameter_mm = 0, pitch_mm = 0, marker_mm = 0;
   int columns_count = 0, rows_count = 0, dictionary = 0;
   std::vector<Vec3> centers_mm;
+  std::optional<HolePlate> plate;
 };
 
 struct ImagePoint {
@@ -37,6 +40,7 @@ struct TargetCapture {
   std::string image;                               // bytes of the file
   std::vector<ImagePoint> corners;                 // found by other software
   std::optional<Pose<frame::Sensor, frame::Target>> T_sensor_target;
+  std::optional<ProfileScan> scan;                 // hole plate: one pass over it
 };
 
 /// fx, fy, cx, cy (px), k1, k2, p1, p2, k3.
@@ -59,6 +63,7 @@ struct EarlierCalibration {
   std::optional<CameraConstants> camera;
   std::vector<ReferenceView> references;
   double sensor_sd = 0;
+  std::optional<ProfileMap> profile_map;
 };
 
 struct CalibrationRequest {
@@ -79,6 +84,10 @@ struct CalibrationRequest {
   double repeat_sd_mm = 0, repeat_sd_rad = 0;            // of coming back to one pose
   std::optional<Pose<frame::Flange, frame::Sensor>> nominal;  // from the cell, where it knows the sensor or tool
   double tool_turn_sd_rad = 0;            // TargetKind::tip: how well the nominal orientation is known
+  bool is_profile_sensor = false;                 // kind profile in the cell
+  bool is_profile_metric = false;                 // hole plate: the passes are in mm
+  std::optional<ProfilometerSheet> sheet;         // hole plate: of a device that delivers pixels
+  std::optional<double> latency_s, latency_sd_s;  // of the trigger, where it is known
   std::vector<TargetCapture> captures;
   std::optional<EarlierCalibration> earlier;  // of this subject
   std::string earlier_others;                 // YAML of what the earlier file holds besides, to be carried on

@@ -13,7 +13,7 @@
 
 #include "planner/artefacts/profiles.hpp"
 #include "planner/base/result.hpp"
-#include "planner/calibrate/profilometer_model.hpp"
+#include "planner/geom/profilometer_model.hpp"
 
 namespace asbuilt {
 

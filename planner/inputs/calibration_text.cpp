@@ -7,6 +7,7 @@
 #include "planner/base/number.hpp"
 #include "planner/inputs/files_batch.hpp"
 #include "planner/inputs/inputs.hpp"
+#include "planner/inputs/item.hpp"
 #include "planner/inputs/yaml_reader.hpp"
 #include "planner/io/file.hpp"
 
@@ -63,6 +64,14 @@ std::string origin_text(const CalibrationEntry& e, const std::string& indent) {
 std::string camera_text(const CameraConstants& c) {
   return fmt::format("{{fx: {}, fy: {}, cx: {}, cy: {}, distortion: [{}, {}, {}, {}, {}]}}", fixed_number(c[0], 4), fixed_number(c[1], 4), fixed_number(c[2], 4), fixed_number(c[3], 4),
                      fixed_number(c[4], 8), fixed_number(c[5], 8), fixed_number(c[6], 8), fixed_number(c[7], 8), fixed_number(c[8], 8));
+}
+
+std::string profile_map_text(const ProfileMap& m) {
+  std::string values;
+  for (const double v : m.map.values) values += (values.empty() ? "" : ", ") + shortest_number(v);
+  return fmt::format("{{metric: {}, camera: {}, values: [{}], center: [{}, {}], half: {}, degree: {}, sensor_map: {}, form_sd: {}, latency: {}, latency_sd: {}}}", m.is_metric,
+                     m.map.model == ProfilometerModel::camera, values, shortest_number(m.map.uv_center.x()), shortest_number(m.map.uv_center.y()), shortest_number(m.map.uv_half), m.map.degree_count,
+                     pose_text(m.T_sensor_map), fixed_number(m.form_sd_mm, 5), fixed_number(m.latency_s, 7), fixed_number(m.latency_sd_s, 7));
 }
 
 /// The lines under `key:` of a mapping at the left margin, split by entry, as they stand.
@@ -124,6 +133,7 @@ std::string calibration_yaml(const std::string& cell_file, int valid_days, const
     own += "    covariance: " + matrix_text(e.covariance) + "\n";
     if (mine != 2) own += "    rms: " + fixed_number(e.rms_mm, 5) + "\n    captures: " + std::to_string(e.captures_count) + "\n";
     if (mine != 2 && e.camera) own += "    intrinsics: " + camera_text(*e.camera) + "\n";
+    if (mine == 0 && e.profile_map) own += "    profile_map: " + profile_map_text(*e.profile_map) + "\n";
     own += origin_text(e, "    ");
     sections[mine][e.id] = own;
   }
@@ -145,11 +155,31 @@ std::string calibration_yaml(const std::string& cell_file, int valid_days, const
   return text + robot;
 }
 
+namespace inputs {
+ProfileMap profile_map_of(const ProfileMapText& t) {
+  ProfileMap m;
+  m.is_metric = t.is_metric;
+  m.map.model = t.is_camera ? ProfilometerModel::camera : ProfilometerModel::plane_map;
+  m.map.values = Eigen::Map<const Eigen::VectorXd>(t.values.data(), Eigen::Index(t.values.size()));
+  m.map.uv_center = {t.center[0], t.center[1]}, m.map.uv_half = t.half, m.map.degree_count = t.degree_count;
+  m.T_sensor_map = t.sensor_map.pose<frame::Sensor, frame::Sensor>();
+  m.form_sd_mm = t.form_sd_mm, m.latency_s = t.latency_s, m.latency_sd_s = t.latency_sd_s;
+  return m;
+}
+bool is_whole(const ProfileMapText& t) {
+  const std::size_t wanted = t.is_camera ? 12 : plane_map_parameters(t.degree_count, 1).size();
+  return t.values.size() == wanted;
+}
+}  // namespace inputs
+
 Result<EarlierCalibration> load_earlier(const std::filesystem::path& file, CalibrationRequest::Subject subject, bool is_sensor_fixed, const std::string& id) {
   auto bytes = read_file(file, file.filename().string());
   if (!bytes) return tl::unexpected(bytes.error());
   Readout out{.name = file.filename().string()};
   const CalibrationFile c = read_yaml<CalibrationFile>(*bytes, out);
+  for (const auto& [name, sensor] : c.sensors)
+    if (sensor.profile_map && !is_whole(*sensor.profile_map))
+      out.fault("input.profile_map", "sensors." + name + ".profile_map.values", fmt::format("found {} numbers, allowed as many as the map of that degree has", sensor.profile_map->values.size()));
   if (!out.faults.empty()) return refuse_all(std::move(out.faults));
   EarlierCalibration e;
   e.file = out.name, e.created = c.created, e.valid_days = c.valid_days;
@@ -170,6 +200,7 @@ Result<EarlierCalibration> load_earlier(const std::filesystem::path& file, Calib
   } else if (subject == CalibrationRequest::Subject::sensor) {
     if (const auto it = c.sensors.find(id); it != c.sensors.end())
       is_there = true, e.T_flange_sensor = it->second.flange_sensor.pose<frame::Flange, frame::Sensor>(), e.covariance = it->second.covariance, origin = it->second.origin, camera(it->second.intrinsics);
+    if (is_there && c.sensors.at(id).profile_map) e.profile_map = profile_map_of(*c.sensors.at(id).profile_map);
   }
   if (!is_there)
     return refuse({.code = "input.not_in_calibration",

@@ -8,6 +8,7 @@
 
 #include "planner/inputs/files_captures.hpp"
 #include "planner/inputs/item.hpp"
+#include "planner/inputs/passes.hpp"
 #include "planner/inputs/table.hpp"
 #include "planner/io/cloud_file.hpp"
 #include "planner/robot/robot.hpp"
@@ -273,7 +274,7 @@ Result<Done<CalibrationRequest>> load_captures(const fs::path& given, const Inpu
   if (item.cell.is_read && !job.id.empty()) {
     if (job.subject == CalibrationRequest::Subject::sensor) {
       for (const SensorSpec& s : job.cell.sensors)
-        if (s.id == job.id) has_sensor = true, job.sensor_sd = s.noise_mm, job.nominal = s.T_flange_sensor;
+        if (s.id == job.id) has_sensor = true, job.sensor_sd = s.noise_mm, job.nominal = s.T_flange_sensor, job.is_profile_sensor = s.kind == SensorKind::profile;
       if (!has_sensor && !job.is_sensor_fixed)
         l.out.fault("input.unknown_sensor", "sensor", "found the sensor '" + shown(job.id) + "', allowed one that " + item.cell.out.name + " has (a fixed one needs mount: base)");
       if (job.is_sensor_fixed) job.nominal.reset();
@@ -286,6 +287,21 @@ Result<Done<CalibrationRequest>> load_captures(const fs::path& given, const Inpu
       l.out.fault("input.unknown_robot", "robot", "found the robot '" + shown(job.id) + "', allowed '" + job.cell.robot.model + "', the model of " + item.cell.out.name);
     }
   }
+  const bool is_plate = g.kind == TargetKind::hole_plate;
+  if (is_plate) {
+    HolePlate plate{"target", g.columns_count, g.rows_count, g.pitch_mm, g.diameter_mm, g.large_diameter_mm, rad_from_deg(g.cone_deg), {g.origin, g.along_x, g.along_y}, g.hole_sd_mm};
+    for (const auto& hole : plate.large)
+      if (hole[0] >= plate.columns_count || hole[1] >= plate.rows_count)
+        l.out.fault("input.out_of_range", "target", fmt::format("found a large hole in column {}, row {}, allowed columns 0 to {} and rows 0 to {}", hole[0], hole[1], plate.columns_count - 1, plate.rows_count - 1));
+    const bool is_square = plate.large[0] != plate.large[1] && plate.large[0] != plate.large[2] && plate.large[1] != plate.large[2];
+    if (!is_square) l.out.fault("input.out_of_range", "target", "found two large holes in one place, allowed three different ones");
+    job.target.plate = plate;
+    if (t.sheet)
+      job.sheet = ProfilometerSheet{.focal_mm = t.sheet->focal_mm, .pixel_mm = t.sheet->pixel_mm, .width_px = t.sheet->width_px, .height_px = t.sheet->height_px, .baseline_mm = t.sheet->baseline_mm,
+                                    .triangulation_rad = rad_from_deg(t.sheet->triangulation_deg)};
+    if (t.latency) job.latency_s = t.latency->value_s, job.latency_sd_s = t.latency->sd_s;
+    if (t.poses) l.out.fault("input.not_for_this_target", "poses", "found a table of poses, allowed a list of captures: each pass over the plate has its own log or velocity");
+  }
   const bool is_image = g.kind == TargetKind::checkerboard || g.kind == TargetKind::charuco || g.kind == TargetKind::circle_grid;
   if (is_image || !(job.sensor_sd > 0)) job.sensor_sd = is_image ? 0.15 : g.kind == TargetKind::tip ? 0.05 : 0.05;
   if (t.noise_mm) job.sensor_sd = *t.noise_mm;
@@ -296,6 +312,7 @@ Result<Done<CalibrationRequest>> load_captures(const fs::path& given, const Inpu
   job.robot_sd_mm = std::max(1e-3, per_axis(a.absolute)), job.robot_sd_rad = kTurnPerLength_rad_mm * job.robot_sd_mm;
   job.repeat_sd_mm = std::max(1e-3, per_axis(a.repeatability)), job.repeat_sd_rad = kTurnPerLength_rad_mm * job.repeat_sd_mm;
   if (t.robot_sd) job.robot_sd_mm = t.robot_sd->position_mm, job.robot_sd_rad = rad_from_deg(t.robot_sd->turn_deg);
+  if (t.repeat_sd) job.repeat_sd_mm = t.repeat_sd->position_mm, job.repeat_sd_rad = rad_from_deg(t.repeat_sd->turn_deg);
   if (t.intrinsics) {
     const IntrinsicsText& i = *t.intrinsics;
     CameraConstants c{i.fx_px, i.fy_px, i.cx_px, i.cy_px, 0, 0, 0, 0, 0};
@@ -308,8 +325,8 @@ Result<Done<CalibrationRequest>> load_captures(const fs::path& given, const Inpu
 
   // where the arm goes by joints
   std::optional<Robot> robot;
-  const bool wants_robot = job.subject == CalibrationRequest::Subject::robot || (t.poses && !t.poses->joints.empty()) ||
-                           std::any_of(t.captures.begin(), t.captures.end(), [](const TargetCaptureText& c) { return c.base_flange.joints_deg.has_value(); });
+  const bool wants_robot = job.subject == CalibrationRequest::Subject::robot || (t.poses && !t.poses->joints.empty()) || is_plate ||
+                           std::any_of(t.captures.begin(), t.captures.end(), [](const TargetCaptureText& c) { return c.base_flange && c.base_flange->joints_deg; });
   if (wants_robot && item.has_kinematics && l.faults.empty()) {
     auto made = Robot::from(job.cell.robot);
     if (made) robot = std::move(*made);
@@ -326,13 +343,27 @@ Result<Done<CalibrationRequest>> load_captures(const fs::path& given, const Inpu
       if (capture.name.empty() && *n) capture.name = **n;
     if (capture.name.empty()) capture.name = "capture " + std::to_string(i + 1);
     capture.is_held_out = c.is_held_out;
-    if (c.base_flange.joints_deg) {
+    if (!c.base_flange && !(is_plate && c.robot_log)) {
+      if (l.out.faults.empty()) l.out.fault("input.missing_key", at + ".base_flange", "found no base_flange, which is required: where the flange was");
+      continue;
+    }
+    if (c.base_flange && c.base_flange->joints_deg) {
       std::array<double, 6> q{};
-      for (std::size_t j = 0; j < 6; ++j) q[j] = rad_from_deg((*c.base_flange.joints_deg)[j]);
+      for (std::size_t j = 0; j < 6; ++j) q[j] = rad_from_deg((*c.base_flange->joints_deg)[j]);
       capture.q_rad = q;
       if (robot) capture.T_base_flange = robot->forward(q);
-    } else {
-      capture.T_base_flange = c.base_flange.pose<frame::Base, frame::Flange>();
+    } else if (c.base_flange) {
+      capture.T_base_flange = c.base_flange->pose<frame::Base, frame::Flange>();
+    }
+    if (is_plate) {
+      if (l.out.faults.empty() && l.faults.empty()) {
+        bool is_metric = false;
+        capture.scan = read_pass(l.sources, l.out, l.faults, full, at, c, capture, robot, is_metric);
+        if (i > 0 && capture.scan && is_metric != job.is_profile_metric) l.out.fault("input.profile_columns", at, "found passes in pixels and passes in mm, allowed one kind");
+        job.is_profile_metric = is_metric;
+        if (capture.scan) job.captures.push_back(std::move(capture));
+      }
+      continue;
     }
     if (c.sensor_target) capture.T_sensor_target = c.sensor_target->pose<frame::Sensor, frame::Target>();
     take_files(l, at, c.cloud, c.image, c.profiles, c.points, capture, tables, c.name.value_or(capture.name));

@@ -280,6 +280,8 @@ void apply_calibration(Item& item, CellSpec& cell, const std::string& taken) {
     it->T_flange_sensor = t.flange_sensor.pose<frame::Flange, frame::Sensor>();
     it->covariance = t.covariance;
     it->is_calibrated = true;
+    if (t.profile_map && !is_whole(*t.profile_map))
+      s.out.fault("input.profile_map", "sensors." + id + ".profile_map.values", fmt::format("found {} numbers, allowed as many as a map of that degree has", t.profile_map->values.size()));
   }
   for (const auto& [id, t] : c.tools) {
     const auto it = std::find_if(cell.tools.begin(), cell.tools.end(), [&](const ToolSpec& x) { return x.id == id; });

@@ -27,6 +27,29 @@ struct IntrinsicsText {
     v("distortion", s.distortion, {.is_optional = true, .doc = "k1, k2, p1, p2, k3"});
   }
 };
+/// What a calibration says of a line scanner's profiles.
+struct ProfileMapText {
+  bool is_metric = false, is_camera = false;
+  std::vector<double> values;
+  std::array<double, 2> center{};
+  double half = 1;
+  int degree_count = 4;
+  PoseText sensor_map;
+  double form_sd_mm = 0, latency_s = 0, latency_sd_s = 0;
+  template <class S, class V>
+  static void fields(S& s, V& v) {
+    v("metric", s.is_metric, {.doc = "profiles are x, z in mm as the device converts them; else u, v in pixels"});
+    v("camera", s.is_camera, {.doc = "values are f, dU, dV, cU, cV, k1, k2, p1, p2, L, alpha, theta; else a plane map: two scales, shear, two of keystone, polynomial"});
+    v("values", s.values, {.min = -1e9, .max = 1e9, .count_min = 5, .doc = "numbers of the map, in the order of the report"});
+    v("center", s.center, {.unit = "px or mm", .min = -1e5, .max = 1e5, .doc = "of a plane map: where u, v are counted from"});
+    v("half", s.half, {.unit = "px or mm", .min = 1e-6, .max = 1e5, .doc = "and what they are divided by"});
+    v("degree", s.degree_count, {.min = 0, .max = 7, .doc = "of the polynomial"});
+    v("sensor_map", s.sensor_map, {.doc = "pose of the map's own frame in the sensor's"});
+    v("form_sd", s.form_sd_mm, {.unit = "mm", .min = 0, .max = 100, .is_optional = true, .doc = "of a point, beyond what the pose's covariance says"});
+    v("latency", s.latency_s, {.unit = "s", .min = -10, .max = 10, .is_optional = true, .doc = "a profile belongs to where the robot is this much later"});
+    v("latency_sd", s.latency_sd_s, {.unit = "s", .min = 0, .max = 10, .is_optional = true, .doc = "its standard deviation"});
+  }
+};
 struct HashedFileText {
   std::string path, sha256;
   template <class S, class V>
@@ -73,6 +96,7 @@ struct SensorCalibrationText {
   std::optional<double> rms_mm;
   std::optional<int> captures_count;
   std::optional<IntrinsicsText> intrinsics;
+  std::optional<ProfileMapText> profile_map;
   std::optional<OriginText> origin;
   template <class S, class V>
   static void fields(S& s, V& v) {
@@ -82,6 +106,7 @@ struct SensorCalibrationText {
     v("rms", s.rms_mm, {.unit = "mm", .min = 0, .max = 100, .is_optional = true, .doc = "residual of the calibration"});
     v("captures", s.captures_count, {.min = 0, .max = 1e6, .is_optional = true, .doc = "how many captures it was made from"});
     v("intrinsics", s.intrinsics, {.is_optional = true, .doc = "of a camera"});
+    v("profile_map", s.profile_map, {.is_optional = true, .doc = "of a line scanner calibrated on a hole plate: applied to its profiles"});
     v("origin", s.origin, {.is_optional = true, .doc = "how it came about"});
   }
 };

@@ -35,6 +35,8 @@ struct TargetText {
   double diameter_mm = 0, pitch_mm = 0, marker_mm = 0;
   int columns_count = 0, rows_count = 0, dictionary = 10;
   std::vector<Vec3> centers_mm;
+  double large_diameter_mm = 0, cone_deg = 0, hole_sd_mm = 0.002;
+  std::array<int, 2> origin{}, along_x{}, along_y{};
   template <class S, class V>
   static void fields(S& s, V& v) {
     v("kind", s.kind, {.doc = "what was looked at; tip: the tool's tip on one fixed point; pose: whatever gives whole poses, a tracker for instance"});
@@ -69,22 +71,53 @@ struct TargetText {
        .count_min = 3,
        .doc = "centres of the balls in the target's own frame"});
     v("marker", s.marker_mm, {.unit = "mm", .min = 0.1, .max = 1000, .when_key = "kind", .when_values = "charuco", .doc = "side of a marker"});
+    v("large_diameter", s.large_diameter_mm, {.unit = "mm", .min = 0.1, .max = 1000, .when_key = "kind", .when_values = "hole_plate", .doc = "of the rim of the three large holes"});
+    v("cone", s.cone_deg, {.unit = "degree", .min = 10, .max = 170, .when_key = "kind", .when_values = "hole_plate", .doc = "full angle of the holes' cones"});
+    v("origin", s.origin, {.min = 0, .max = 1000, .when_key = "kind", .when_values = "hole_plate", .doc = "column and row (from 0) of the large hole that is the origin"});
+    v("along_x", s.along_x, {.min = 0, .max = 1000, .when_key = "kind", .when_values = "hole_plate", .doc = "of the large hole in the direction of x"});
+    v("along_y", s.along_y, {.min = 0, .max = 1000, .when_key = "kind", .when_values = "hole_plate", .doc = "of the large hole on the side of y"});
+    v("hole_sd", s.hole_sd_mm, {.unit = "mm", .min = 0, .max = 1, .is_optional = true, .doc = "hole_plate: standard deviation of one hole's place, as made"});
     v("dictionary", s.dictionary, {.min = 0, .max = 20, .is_optional = true, .doc = "of the markers, OpenCV's number; 10: 6x6, 250 of them"});
+  }
+};
+/// Data sheet of a line scanner that delivers pixels.
+struct SheetText {
+  double focal_mm = 0, pixel_mm = 0, baseline_mm = 0, triangulation_deg = 0;
+  int width_px = 0, height_px = 0;
+  template <class S, class V>
+  static void fields(S& s, V& v) {
+    v("focal", s.focal_mm, {.unit = "mm", .min = 0.5, .max = 1000, .doc = "focal length of the lens"});
+    v("pixel", s.pixel_mm, {.unit = "mm", .min = 1e-4, .max = 1, .doc = "edge of a pixel"});
+    v("width", s.width_px, {.unit = "px", .min = 16, .max = 100000, .doc = "along the line of light"});
+    v("height", s.height_px, {.unit = "px", .min = 16, .max = 100000, .doc = "across it"});
+    v("baseline", s.baseline_mm, {.unit = "mm", .min = 1, .max = 10000, .doc = "from the camera to the source of light"});
+    v("triangulation", s.triangulation_deg, {.unit = "degree", .min = 1, .max = 89, .doc = "between the optical axis and the plane of light"});
+  }
+};
+struct LatencyText {
+  double value_s = 0, sd_s = 0;
+  template <class S, class V>
+  static void fields(S& s, V& v) {
+    v("value", s.value_s, {.unit = "s", .min = -1, .max = 1, .doc = "a profile belongs to where the robot is this much later"});
+    v("sd", s.sd_s, {.unit = "s", .min = 1e-7, .max = 1, .doc = "its standard deviation"});
   }
 };
 struct TargetCaptureText {
   std::optional<std::string> name;
-  PoseText base_flange;
-  std::optional<std::string> cloud, image, profiles, points;
+  std::optional<PoseText> base_flange;
+  std::optional<std::string> cloud, image, profiles, points, robot_log;
+  std::optional<Vec3> velocity_mm_s;
   std::optional<PoseText> sensor_target;
   bool is_held_out = false;
   template <class S, class V>
   static void fields(S& s, V& v) {
     v("name", s.name, {.is_optional = true, .doc = "for reports; the file's name where absent"});
-    v("base_flange", s.base_flange, {.allows_joints = true, .doc = "flange in base as commanded, or the joints"});
-    v("cloud", s.cloud, {.is_optional = true, .form = Form::file, .doc = "PLY, PCD or XYZ, in the sensor's frame, mm"});
+    v("base_flange", s.base_flange, {.is_optional = true, .allows_joints = true, .doc = "flange in base as commanded, or the joints; required but for a pass with robot_log"});
+    v("cloud", s.cloud, {.is_optional = true, .form = Form::file, .doc = "PLY, PCD or XYZ, in the sensor's frame, mm; target hole_plate: y is the way gone since base_flange"});
     v("image", s.image, {.is_optional = true, .form = Form::file, .doc = "of a camera"});
-    v("profiles", s.profiles, {.is_optional = true, .form = Form::file, .doc = "CSV of a line scanner standing still: x, z or x, y, z in the sensor's frame, mm"});
+    v("profiles", s.profiles, {.is_optional = true, .form = Form::file, .doc = "CSV of a line scanner standing still: x, z or x, y, z in the sensor's frame, mm; target hole_plate: of a pass, t and u, v or x, z"});
+    v("robot_log", s.robot_log, {.is_optional = true, .form = Form::file, .doc = "target hole_plate: where the flange was during the pass, by the profiles' clock"});
+    v("velocity", s.velocity_mm_s, {.unit = "mm/s", .min = -5000, .max = 5000, .is_optional = true, .is_direction = true, .doc = "or the flange's even velocity in base; base_flange is where it was at the first profile"});
     v("points", s.points, {.is_optional = true, .form = Form::file, .doc = "CSV of a board's points in the image, found by other software: id, u, v"});
     v("sensor_target", s.sensor_target, {.is_optional = true, .doc = "target: pose; where the sensor sees the target"});
     v("held_out", s.is_held_out, {.is_optional = true, .doc = "not used by the solver; what the accuracy is measured with"});
@@ -138,7 +171,9 @@ struct CapturesFile {
   std::optional<IntrinsicsText> intrinsics;
   bool is_camera_free = false;
   std::optional<double> noise_mm, noise_turn_deg, tool_turn_deg;
-  std::optional<RobotSdText> robot_sd;
+  std::optional<RobotSdText> robot_sd, repeat_sd;
+  std::optional<SheetText> sheet;
+  std::optional<LatencyText> latency;
   std::optional<PoseTableText> poses;
   std::vector<TargetCaptureText> captures;
   template <class S, class V>
@@ -160,6 +195,9 @@ struct CapturesFile {
     v("noise_turn", s.noise_turn_deg, {.unit = "degree", .min = 1e-6, .max = 10, .is_optional = true, .doc = "target: pose; of its turn"});
     v("tool_turn", s.tool_turn_deg, {.unit = "degree", .min = 1e-4, .max = 10, .is_optional = true, .doc = "target: tip; how well the tool's nominal direction is known (a point tells nothing of it); 0.3 where absent"});
     v("robot_sd", s.robot_sd, {.is_optional = true, .doc = "absolute accuracy of the robot's poses; from the cell's accuracy where absent"});
+    v("repeat_sd", s.repeat_sd, {.is_optional = true, .doc = "of coming back to one pose; from the cell's repeatability where absent"});
+    v("sheet", s.sheet, {.is_optional = true, .doc = "target hole_plate: data sheet of a device that delivers pixels; without it a map without lens is fitted"});
+    v("latency", s.latency, {.is_optional = true, .doc = "target hole_plate: of the trigger, where it is known; absent: found from passes both ways"});
     v("poses", s.poses, {.is_optional = true, .doc = "the captures as a table of poses with names of files"});
     v("captures", s.captures, {.is_optional = true, .count_min = 1, .doc = "one after the other as taken"});
     v.exactly_one({"sensor", "tool", "robot"});

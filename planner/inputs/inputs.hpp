@@ -73,6 +73,7 @@ struct CalibrationEntry {
   double rms_mm = 0;
   int captures_count = 0;
   std::optional<CameraConstants> camera;
+  std::optional<ProfileMap> profile_map;
   std::optional<OpwParameters> arm;  // Subject::robot: added to the cell's constants
   std::string created;
   double held_out_mm = 0, fit_rms = 0, noise = 0, robot_sd_mm = 0, robot_sd_rad = 0;

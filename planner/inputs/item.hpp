@@ -59,6 +59,10 @@ std::vector<int> choose_edges(Item& item, const Brep& brep, const FeatureText& f
 void read_stream(Item& item, const CaptureText& text, const std::string& at, const CellSpec& cell, const SensorSpec* sensor, Capture& capture);
 /// Clouds are mm by contract. Metres, or a cloud that is no view of anything in range, are told by the distances.
 void check_unit(Item& item, const std::vector<Eigen::Vector3f>& points, const SensorSpec& sensor, const std::string& field);
+// calibration_text.cpp
+ProfileMap profile_map_of(const ProfileMapText& text);
+/// As many numbers as the map's model and degree need.
+bool is_whole(const ProfileMapText& text);
 // captures.cpp
 std::vector<Capture> captures_of(Item& item, const CellSpec& cell);
 

@@ -212,8 +212,17 @@ void read_lines(Item& item, const CaptureText& t, const std::string& at, const s
   std::string name;
   const auto bytes = bytes_at(item, at + ".profiles", *t.profiles, name);
   if (!bytes || item.depth == Depth::bytes) return;
-  auto read = read_profiles(*bytes, name, camera);
+  const auto calibrated = item.calibration.value.sensors.find(t.sensor);
+  const bool has_map = calibrated != item.calibration.value.sensors.end() && calibrated->second.profile_map && is_whole(*calibrated->second.profile_map);
+  auto read = read_profiles(*bytes, name, camera, has_map && !calibrated->second.profile_map->is_metric);
   if (!read) return take_faults(item, read.error());
+  if (has_map) {
+    const ProfileMap map = profile_map_of(*calibrated->second.profile_map);
+    if (!map.is_metric && !read->is_pixel)
+      return item.scans.out.fault("input.profile_map", at + ".profiles", "found x, z in mm, allowed u, v in pixels: the calibration of sensor '" + t.sensor + "' maps pixels");
+    for (Eigen::Vector3f& p : read->points) p = profile_point(map, Vec2(p.x(), p.z())).cast<float>();
+    item.note("input.profile_map", "the profiles are mapped by the calibration of sensor " + t.sensor, name, Note::Level::note);
+  }
   c.points_sensor = std::move(read->points), c.dropped_count = read->dropped_count;
   for (const ProfileFile::Line& l : read->lines)
     c.stream->frames.push_back({.t_s = l.t_s, .exposure_s = camera ? camera->exposure_s : 0, .begin = l.begin, .end = l.end});
@@ -230,6 +239,8 @@ void read_stream(Item& item, const CaptureText& t, const std::string& at, const 
   clock.uses_flash = sync.flash.has_value();
   clock.is_common = sync.clocks.value_or(sync.flash ? Clocks::separate : Clocks::common) == Clocks::common;
   clock.offset_s = sync.offset_s, clock.sigma_s = sync.offset_sd_s.value_or(kCommonClockSigma_s);
+  if (const auto c0 = item.calibration.value.sensors.find(t.sensor); t.profiles && !t.sync && c0 != item.calibration.value.sensors.end() && c0->second.profile_map)
+    clock.offset_s = c0->second.profile_map->latency_s, clock.sigma_s = std::max(1e-5, c0->second.profile_map->latency_sd_s);
   std::optional<CameraFile> camera;
   if (t.intrinsics) camera = read_camera(item, t, at);
   if (t.frames) {

@@ -118,7 +118,7 @@ Result<std::vector<FrameTime>> read_frame_times(std::string_view bytes, const st
   return frames;
 }
 
-Result<ProfileFile> read_profiles(std::string_view bytes, const std::string& name, const std::optional<CameraFile>& camera) {
+Result<ProfileFile> read_profiles(std::string_view bytes, const std::string& name, const std::optional<CameraFile>& camera, bool keeps_pairs) {
   const auto t = read_csv_table(bytes, name);
   if (!t) return refuse_all(t.error());
   double unit = 1;
@@ -126,9 +126,10 @@ Result<ProfileFile> read_profiles(std::string_view bytes, const std::string& nam
   const bool is_metric = x >= 0 && z >= 0, is_pixel = !is_metric && u >= 0 && v >= 0;
   if (time < 0 || (!is_metric && !is_pixel))
     return refused("input.profile_columns", name, "found no columns t and x, z (mm) or u, v (px), one point a row, which are required");
-  if (is_pixel && (!camera || !camera->plane))
+  if (is_pixel && !keeps_pairs && (!camera || !camera->plane))
     return refused("input.profile_camera", name, "found pixels u, v and no camera file with fx, fy, cx, cy and the plane of light; name it in `intrinsics`");
   ProfileFile out;
+  out.is_pixel = is_pixel && keeps_pairs;
   for (std::size_t r = 0; r < t->rows_count; ++r) {
     const double when = t->at(r, time) * unit;
     if (!std::isfinite(when) || std::abs(when) > 1e12 || (!out.lines.empty() && when < out.lines.back().t_s))
@@ -137,6 +138,8 @@ Result<ProfileFile> read_profiles(std::string_view bytes, const std::string& nam
     Vec3 p = Vec3::Constant(std::nan(""));
     if (is_metric) {
       p = Vec3(t->at(r, x), 0, t->at(r, z));
+    } else if (keeps_pairs) {
+      p = Vec3(t->at(r, u), 0, t->at(r, v));
     } else {
       const DepthCamera& c = camera->camera;
       const Vec2 n = undistorted(c.distortion_ratio, Vec2((t->at(r, u) - c.cx_px) / c.fx_px, (t->at(r, v) - c.cy_px) / c.fy_px));
@@ -151,6 +154,7 @@ Result<ProfileFile> read_profiles(std::string_view bytes, const std::string& nam
     out.points.push_back(p.cast<float>());
     out.lines.back().end = out.points.size();
   }
+  if (!out.lines.empty()) out.first_s = out.lines.front().t_s;
   std::erase_if(out.lines, [](const ProfileFile::Line& l) { return l.begin == l.end; });
   if (out.points.empty()) return refused("input.profile_empty", name, "found no valid point, allowed at least one; take the scan again", 0, 1, "points");
   return out;

@@ -39,9 +39,12 @@ struct ProfileFile {
   std::vector<Eigen::Vector3f> points;  // sensor frame, mm: (x, 0, z), or on the plane of light
   std::vector<Line> lines;              // times ascend
   std::size_t dropped_count = 0;        // points without a reading
+  double first_s = 0;                   // time of the first profile, readings in it or not
+  bool is_pixel = false;                // points are (u, 0, v) in pixels, as delivered
 };
 /// One point a row: t and x, z (mm), or t and u, v (pixels, with the camera's numbers and its plane). Rows of the same t are one profile.
+/// `keeps_pairs`: pixels are left as they are, (u, 0, v), for a calibration that maps them; no camera is needed then.
 /// Refuses input.profile_columns, input.profile_clock, input.profile_camera, input.profile_empty, input.table_*.
-Result<ProfileFile> read_profiles(std::string_view bytes, const std::string& name, const std::optional<CameraFile>& camera);
+Result<ProfileFile> read_profiles(std::string_view bytes, const std::string& name, const std::optional<CameraFile>& camera, bool keeps_pairs = false);
 
 }  // namespace asbuilt

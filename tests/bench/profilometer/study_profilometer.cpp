@@ -3,6 +3,7 @@
 //   study_profilometer published [N]     error of the field and of a measured seam beside the Cramer-Rao bound, published and own poses
 //   study_profilometer convergence [N]   from starts 10 % and 30 % off
 //   study_profilometer coverage [N]      95 % bands against the truth
+//   study_profilometer files DIR         captures of a small plate as files, for the command line (run from the source folder)
 //   study_profilometer faults [N]        faults planted, what is said
 #include <fmt/format.h>
 
@@ -13,7 +14,7 @@
 
 #include "planner/calibrate/profilometer_observe.hpp"
 #include "planner/calibrate/profilometer_start.hpp"
-#include "tests/support/profilometer_rig.hpp"
+#include "tests/support/profilometer_files.hpp"
 
 using namespace asbuilt;
 
@@ -198,7 +199,7 @@ void coverage(int count) {
   fmt::print("{} calibrations, truth inside the 95 % band (49 points of the field, 3 axes; seam; latency)\n", count);
   for (const int which : {1, 3}) {
     const Setting& s = kSettings[which];
-    double in[5] = {}, n[5] = {};
+    double in[5] = {}, n[5] = {}, z2[5] = {}, stated[3] = {}, bound[3] = {};
     int refused = 0;
     const int runs = which == 3 ? std::max(1, count / 5) : count;
     for (int k = 0; k < runs; ++k) {
@@ -214,13 +215,23 @@ void coverage(int count) {
       const auto& a = r->artefact;
       const auto truth = rig::truth_of(c);
       ProfilometerProblem problem = problem_of(recipe, c.plate, views);
+      auto quiet = c;
+      quiet.robot_sd_mm = quiet.robot_sd_rad = quiet.repeat_sd_mm = quiet.repeat_sd_rad = 0, quiet.hole_sd_mm = 1e-9;
+      auto exact = rig::views_of(quiet, all_passes(c, s), 1);
+      for (auto& v : exact)
+        for (auto& h : v.holes) h.sd_target_mm = Vec3(c.hole_sd_mm, c.hole_sd_mm, 0.5 * c.hole_sd_mm);
+      const ProfilometerProblem perfect = problem_of(recipe, c.plate, exact);
+      const Eigen::MatrixXd C = covariance_of(information_of(perfect, truth), parameter_table(perfect).size);
       for (const Vec2& uv : field_points(problem, {})) {
         Eigen::Matrix<double, 3, Eigen::Dynamic> J;
         const Vec3 e = flange_point(a.state, uv, &J) - flange_point(truth, uv);
         const Mat3 R = c.T_flange_sensor.rotation();
         const Vec3 es = R.transpose() * e;
         const Mat3 S = R.transpose() * J * a.covariance * J.transpose() * R;
-        for (int i = 0; i < 3; ++i) in[i] += std::abs(es[i]) < 1.96 * std::sqrt(S(i, i)), ++n[i];
+        Eigen::Matrix<double, 3, Eigen::Dynamic> J0;
+        flange_point(truth, uv, &J0);
+        const Mat3 B = R.transpose() * J0 * C * J0.transpose() * R;
+        for (int i = 0; i < 3; ++i) in[i] += std::abs(es[i]) < 1.96 * std::sqrt(S(i, i)), ++n[i], z2[i] += es[i] * es[i] / S(i, i), stated[i] += S(i, i), bound[i] += B(i, i);
       }
       const Seam is = seam_of(c, a.state), real = seam_of(c, truth);
       const Eigen::VectorXd sd = (is.J * a.covariance * is.J.transpose()).diagonal().cwiseSqrt(), e = is.place - real.place;
@@ -230,6 +241,8 @@ void coverage(int count) {
     }
     fmt::print("{:<46} {} runs: x {:.1f} %  y {:.1f} %  z {:.1f} %  seam {:.1f} %  latency {:.1f} %  refused {}\n", s.name, runs, 100 * in[0] / n[0], 100 * in[1] / n[1], 100 * in[2] / n[2],
                100 * in[3] / n[3], 100 * in[4] / n[4], refused);
+    fmt::print("{:<46} rms of error / sd as stated: {:.3f} {:.3f} {:.3f}; sd as stated / bound at the truth: {:.3f} {:.3f} {:.3f}\n", "", std::sqrt(z2[0] / n[0]), std::sqrt(z2[1] / n[1]), std::sqrt(z2[2] / n[2]),
+               std::sqrt(stated[0] / bound[0]), std::sqrt(stated[1] / bound[1]), std::sqrt(stated[2] / bound[2]));
   }
 }
 
@@ -293,7 +306,27 @@ void faults(int count) {
 int main(int argc, char** argv) {
   const std::string what = argc > 1 ? argv[1] : "";
   const int count = argc > 2 ? std::atoi(argv[2]) : 0;
-  if (what == "published") published(count ? count : 100);
+  if (what == "files" && argc > 2) {
+    const auto c = rig::small_cell(21);
+    const auto passes = rig::raw_passes(c);
+    rig::write_captures(argv[2], c, passes, rig::scans_of(c, passes, 21), rig::PassFiles::csv_with_log);
+    auto now = c;
+    now.moved_from = 0, now.moved_by << 0.12, 0.16, 0, 0, 0, 0;
+    const std::vector<simulate::ProfilometerPass> again(passes.begin(), passes.begin() + 2);
+    Random robot = Random::stream(21, "robot"), noise = Random::stream(22, "noise");
+    const auto errors = simulate::robot_errors(c, passes, robot);
+    for (const bool is_moved : {false, true}) {
+      std::vector<ProfileScan> scans;
+      for (std::size_t i = 0; i < again.size(); ++i) scans.push_back(simulate::scanned(is_moved ? now : c, again[i], int(i), errors[i], noise));
+      rig::write_captures(argv[2], c, again, scans, rig::PassFiles::csv_with_log, is_moved ? "slipped.yaml" : "monday.yaml");
+    }
+    auto metric = rig::small_cell(23);
+    metric.device.is_metric = true, metric.device.noise_px = 0.02, metric.device.scale_z_ratio = 1 / 1.02, metric.device.form_mm = 0.02;
+    const auto more = rig::raw_passes(metric);
+    rig::write_captures(std::string(argv[2]) + "/mm", metric, more, rig::scans_of(metric, more, 23), rig::PassFiles::ply_with_velocity);
+    const auto t = c.T_flange_sensor;
+    fmt::print("captures.yaml, monday.yaml (nothing moved), slipped.yaml (0.2 mm), mm/captures.yaml (depths 2 % short); true flange_sensor {}, latency {:.3f} ms\n", rig::pose_yaml(t), 1000 * c.latency_s);
+  } else if (what == "published") published(count ? count : 100);
   else if (what == "convergence") convergence(count ? count : 200);
   else if (what == "coverage") coverage(count ? count : 500);
   else if (what == "faults") faults(count ? count : 20);

@@ -4,7 +4,7 @@
 
 #include <Eigen/Dense>
 
-#include "planner/calibrate/profilometer_model.hpp"
+#include "planner/geom/profilometer_model.hpp"
 #include "planner/calibrate/profilometer_solve.hpp"
 #include "planner/calibrate/profilometer_start.hpp"
 #include "tests/support/profilometer_rig.hpp"

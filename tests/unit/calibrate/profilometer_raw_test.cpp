@@ -6,29 +6,14 @@
 
 #include "planner/calibrate/profilometer_holes.hpp"
 #include "planner/calibrate/profilometer_solve.hpp"
-#include "tests/support/profilometer_rig.hpp"
+#include "tests/support/profilometer_files.hpp"
 
 namespace asbuilt {
 namespace {
 
-simulate::ProfilometerCell small_cell(std::uint64_t seed) {
-  auto c = rig::profilometer_cell(seed);
-  c.plate = {"120 holes, 8 mm", 12, 10, 8, 4.5, 7, 2 * kPi / 3, {{{5, 4}, {8, 4}, {5, 6}}}, 0.002};
-  c.device.width_px = 640, c.device.height_px = 512, c.device.pixel_u_mm = c.device.pixel_v_mm = 0.0106;
-  c.device.center_u_px = 319.5 + 4, c.device.center_v_px = 255.5 - 3;
-  c.path_sd_mm = 0.002;
-  return c;
-}
-ProfilometerSheet small_sheet() {
-  auto s = rig::sheet();
-  s.width_px = 640, s.height_px = 512, s.pixel_mm = 0.0106;
-  return s;
-}
-simulate::ProfilometerPass pass_at(const simulate::ProfilometerCell& c, const simulate::ProfilometerStand& s, int pose = 0) {
-  auto p = simulate::pass_of(c, s, pose, 130, 40);
-  p.profiles_per_s = 80;
-  return p;
-}
+using rig::pass_at;
+using rig::small_cell;
+using rig::small_sheet;
 std::string first_code(const Refusals& r) { return r.front().code; }
 
 TEST(ProfilometerHoles, are_numbered_whichever_way_the_plate_lies) {
@@ -144,23 +129,7 @@ TEST(ProfilometerHoles, a_plain_plate_has_none) {
   EXPECT_FALSE(find_holes(ProfileScan{}));
 }
 
-std::vector<ProfileScan> raw_scans(const simulate::ProfilometerCell& c, std::uint64_t seed) {
-  const double t = 0.35;
-  const std::vector<simulate::ProfilometerStand> stands{{0, 0, 0, 0}, {-45, t, 0, kPi / 2}, {45, 0, t, 0}, {0, -t, 0, kPi}, {30, 0, -t, kPi / 2}, {-30, t, t, kPi}, {20, -t, t, 0}, {-20, 0.1, -t, kPi}};
-  std::vector<simulate::ProfilometerPass> passes;
-  for (std::size_t i = 0; i < stands.size(); ++i)
-    for (int back = 0; back < 2; ++back) {
-      auto s = stands[i];
-      s.is_backward = back == 1;
-      passes.push_back(pass_at(c, s, int(i)));
-      passes.back().is_held_out = i + 1 == stands.size();
-    }
-  Random robot = Random::stream(seed, "robot"), noise = Random::stream(seed, "noise");
-  const auto errors = simulate::robot_errors(c, passes, robot);
-  std::vector<ProfileScan> scans;
-  for (std::size_t i = 0; i < passes.size(); ++i) scans.push_back(simulate::scanned(c, passes[i], int(i), errors[i], noise));
-  return scans;
-}
+std::vector<ProfileScan> raw_scans(const simulate::ProfilometerCell& c, std::uint64_t seed) { return rig::scans_of(c, rig::raw_passes(c), seed); }
 
 TEST(Profilometer, raw_passes_to_a_calibration_without_any_guess) {
   const auto c = small_cell(4);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Both models of the map pixel -> plane of light with their derivatives: the camera's by hand through the chain lens, ray, plane.
-#include "planner/calibrate/profilometer_model.hpp"
+#include "planner/geom/profilometer_model.hpp"
 
 #include <fmt/format.h>
 
@@ -139,6 +139,11 @@ ProfilometerIntrinsics camera_of(const ProfilometerSheet& sheet) {
 
 Vec2 plane_point(const ProfilometerIntrinsics& map, const Vec2& uv, MapJacobian* J) {
   return map.model == ProfilometerModel::camera ? camera_point(map.values, uv, J) : map_point(map, uv, J);
+}
+
+Vec3 profile_point(const ProfileMap& map, const Vec2& pair) {
+  const Vec2 xz = plane_point(map.map, pair);
+  return map.T_sensor_map.point(Vec3(xz.x(), 0, xz.y()));
 }
 
 bool pixel_of(const ProfilometerIntrinsics& map, const Vec2& xz, const Vec2& start, Vec2& uv) {

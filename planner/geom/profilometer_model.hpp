@@ -58,6 +58,17 @@ Vec2 plane_point(const ProfilometerIntrinsics& map, const Vec2& uv, MapJacobian*
 /// The pixel of a point of the plane of light: Newton on plane_point from `start`. False where it does not settle.
 bool pixel_of(const ProfilometerIntrinsics& map, const Vec2& xz, const Vec2& start, Vec2& uv);
 
+/// What a calibration says of a device's profiles: a delivered pair (pixels, or mm as the device converts them) to a point of the sensor's
+/// plane y = 0. The model's own frame is fixed by its gauge; T_sensor_map takes it to the frame that the calibration calls the sensor.
+struct ProfileMap {
+  bool is_metric = false;  // pairs are x, z in mm; else u, v in pixels
+  ProfilometerIntrinsics map;
+  Pose<frame::Sensor, frame::Sensor> T_sensor_map;
+  double form_sd_mm = 0;   // of a point, beyond what the covariance of the sensor's pose says
+  double latency_s = 0, latency_sd_s = 0;  // profiles belong to where the robot is this much later
+};
+Vec3 profile_point(const ProfileMap& map, const Vec2& pair);
+
 /// Rz(theta) Rx(alpha): turns coordinates of the sensor into coordinates of the camera.
 Mat3 rotation_camera_sensor(double alpha_rad, double theta_rad);
 
