@@ -67,12 +67,43 @@ std::vector<double> curve_seeds(const Curve& c, const CurveDomain& d) {
   return s;
 }
 
+/// Where the nearest point lies beside a pole, along the border's own direction nothing moves: the direction away from the pole is
+/// chosen among sixteen. False: none leads nearer.
+bool leave_pole(const Surface& s, const SurfaceDomain& d, const Vec3& p, int axis, Vec2& q) {
+  const double t0 = axis == 1 ? d.u0 : d.v0, t1 = axis == 1 ? d.u1 : d.v1, span = axis == 1 ? d.v1 - d.v0 : d.u1 - d.u0;
+  const bool is_low = axis == 1 ? q.y() <= 0.5 * (d.v0 + d.v1) : q.x() <= 0.5 * (d.u0 + d.u1);
+  double best = 0, step = 0, at = 0;
+  for (int k = 0; k < 16; ++k) {
+    const double t = t0 + (t1 - t0) * (k + 0.5) / 16;
+    const SurfaceJet j = axis == 1 ? evaluate_jet(s, t, q.y(), 1) : evaluate_jet(s, q.x(), t, 1);
+    const Vec3 away = (is_low ? 1.0 : -1.0) * (axis == 1 ? j.dv : j.du);
+    const double speed = away.norm(), along = speed > 0 ? (p - j.p).dot(away) / speed : 0;
+    if (along > best) best = along, step = std::min(along / speed, 0.2 * span), at = t;
+  }
+  if (!(step > 0)) return false;
+  if (axis == 1)
+    q = {at, q.y() + (is_low ? step : -step)};
+  else
+    q = {q.x() + (is_low ? step : -step), at};
+  return true;
+}
+
 Vec2 newton_uv(const Surface& s, const SurfaceDomain& d, const Vec3& p, Vec2 q, double& distance_2) {
   const double span_u = d.u1 - d.u0, span_v = d.v1 - d.v0;
   Vec2 best = q;
   distance_2 = 1e300;
   double damping = 0;
-  for (int i = 0; i < 25; ++i) {
+  const bool has_poles = d.is_pole_u0 || d.is_pole_u1 || d.is_pole_v0 || d.is_pole_v1;
+  const auto pole_axis = [&](const Vec2& w) {  // 0 or 1: w lies on a border in u or v that is one point; -1: it does not
+    if ((d.is_pole_v0 && w.y() <= d.v0) || (d.is_pole_v1 && w.y() >= d.v1)) return 1;
+    return (d.is_pole_u0 && w.x() <= d.u0) || (d.is_pole_u1 && w.x() >= d.u1) ? 0 : -1;
+  };
+  if (has_poles)
+    if (const int axis = pole_axis(q); axis >= 0) {
+      distance_2 = (evaluate_jet(s, q.x(), q.y(), 1).p - p).squaredNorm();
+      if (distance_2 < 1e-20 || !leave_pole(s, d, p, axis, q)) return best;
+    }
+  for (int i = 0; i < (has_poles ? 40 : 25); ++i) {
     double uu = q.x(), vv = q.y();
     if (d.is_periodic_u) uu = d.u0 + std::fmod(std::fmod(uu - d.u0, span_u) + span_u, span_u);
     if (d.is_periodic_v) vv = d.v0 + std::fmod(std::fmod(vv - d.v0, span_v) + span_v, span_v);
@@ -112,6 +143,8 @@ Vec2 newton_uv(const Surface& s, const SurfaceDomain& d, const Vec3& p, Vec2 q, 
     }
     if (!d.is_periodic_u) next.x() = std::clamp(next.x(), d.u0, d.u1);
     if (!d.is_periodic_v) next.y() = std::clamp(next.y(), d.v0, d.v1);
+    if (has_poles)  // not onto a pole, where the way on is lost, but half the way
+      if (const int axis = pole_axis(next); axis >= 0) next[axis] = 0.5 * (next[axis] + q[axis]);
     const double move = std::abs(next.x() - q.x()) * std::sqrt(a0) + std::abs(next.y() - q.y()) * std::sqrt(c0);
     q = next;
     if (move < 1e-10 * (1 + p.norm() * 1e-2)) break;
@@ -121,6 +154,12 @@ Vec2 newton_uv(const Surface& s, const SurfaceDomain& d, const Vec3& p, Vec2 q, 
   if (d.is_periodic_v) vv = d.v0 + std::fmod(std::fmod(vv - d.v0, span_v) + span_v, span_v);
   const double f = (evaluate_jet(s, uu, vv).p - p).squaredNorm();
   if (f <= distance_2) distance_2 = f, best = q;
+  if (has_poles)
+    for (const Vec2& w : {Vec2(best.x(), d.v0), Vec2(best.x(), d.v1), Vec2(d.u0, best.y()), Vec2(d.u1, best.y())})
+      if (pole_axis(w) >= 0) {
+        const double at_pole = (evaluate_jet(s, w.x(), w.y(), 1).p - p).squaredNorm();
+        if (at_pole <= distance_2) distance_2 = at_pole, best = w;
+      }
   return best;
 }
 
@@ -151,8 +190,14 @@ Vec2 bspline_foot(const Surface& surface, const BSplineSurface& s, const Surface
   const std::vector<double> us = knot_seeds(s.knots_u, s.degree_u, 40), vs = knot_seeds(s.knots_v, s.degree_v, 40);
   std::vector<std::pair<double, Vec2>> order;
   order.reserve(us.size() * vs.size());
+  const auto is_again = [](double t, double t0, bool is_pole_0, double t1, bool is_pole_1, bool is_first) {
+    return !is_first && ((is_pole_0 && t <= t0) || (is_pole_1 && t >= t1));  // a pole is one seed, not a row of them
+  };
   for (double u : us)
-    for (double v : vs) order.emplace_back((evaluate_jet(surface, u, v).p - p).squaredNorm(), Vec2(u, v));
+    for (double v : vs)
+      if (!is_again(v, d.v0, d.is_pole_v0, d.v1, d.is_pole_v1, u == us.front()) &&
+          !is_again(u, d.u0, d.is_pole_u0, d.u1, d.is_pole_u1, v == vs.front()))
+        order.emplace_back((evaluate_jet(surface, u, v).p - p).squaredNorm(), Vec2(u, v));
   const size_t n = std::min<size_t>(order.size(), 6);
   std::partial_sort(order.begin(), order.begin() + n, order.end(), [](const auto& a, const auto& b) {
     return a.first != b.first ? a.first < b.first : (a.second.x() != b.second.x() ? a.second.x() < b.second.x()

@@ -83,6 +83,32 @@ class FaceMesher {
     mesh_.volume_mm3[static_cast<std::size_t>(face_)] = is_flipped() ? -volume_ : volume_;
   }
 
+  /// By what the cells of a grid over the whole surface exceed the tolerances; of large grids every so many-th row and column.
+  struct Excess {
+    double chord = 0, turn = 0;  // parts of the tolerances
+  };
+  Excess worst_of_grid(const Chart& chart, int nu, int nv) {
+    const SurfaceDomain& d = *chart.domain;
+    const auto at = [&](double i, double j) { return Vec2(d.u0 + (d.u1 - d.u0) * i / nu, d.v0 + (d.v1 - d.v0) * j / nv); };
+    const int step_u = std::max(1, nu / 150), step_v = std::max(1, nv / 150);
+    Excess worst;
+    for (int i = 0; i < nu; i += step_u)
+      for (int j = 0; j < nv; j += step_v) {
+        Vec3 p[2][2], n[2][2];
+        for (int k = 0; k < 4; ++k) {
+          const Chart::Jet jet = chart.at(at(i + k / 2, j + k % 2));
+          p[k / 2][k % 2] = jet.p, n[k / 2][k % 2] = normal_of(jet);
+        }
+        for (const auto& [x, y] : {std::pair{n[0][0], n[1][0]}, {n[0][0], n[0][1]}, {n[0][0], n[1][1]}})
+          if (!x.isZero() && !y.isZero()) worst.turn = std::max(worst.turn, std::atan2(x.cross(y).norm(), x.dot(y)) / tol_.angle_rad);
+        const double limit = 0.95 * tol_.chord_mm;
+        worst.chord = std::max({worst.chord, off(chart, at(i + 0.5, j + 0.5), 0.5 * (p[0][0] + p[1][1])) / limit,
+                                off(chart, at(i + 2 / 3.0, j + 1 / 3.0), (p[0][0] + p[1][0] + p[1][1]) / 3) / limit,
+                                off(chart, at(i + 1 / 3.0, j + 2 / 3.0), (p[0][0] + p[0][1] + p[1][1]) / 3) / limit});
+      }
+    return worst;
+  }
+
   /// A surface without any border: a grid that closes on itself.
   bool whole(Chart& chart, std::string& why) {
     const SurfaceDomain d = *chart.domain;
@@ -96,7 +122,18 @@ class FaceMesher {
     const auto count = [](double span, double step) {
       return std::clamp(static_cast<int>(std::ceil(1.42 * span / std::max(step, 1e-300))), 6, 1500);
     };
-    const int nu = count(d.u1 - d.u0, s.u), nv = count(d.v1 - d.v0, s.v);
+    int nu = count(d.u1 - d.u0, s.u), nv = count(d.v1 - d.v0, s.v);
+    for (int round = 0; round < 6; ++round) {
+      if (has_closed_form_foot(*chart.surface) && nu < 1500 && nv < 1500) break;  // the steps are exact
+      const Excess e = worst_of_grid(chart, nu, nv);  // the curvature may change between the samples the step was taken from
+      const double more = 1.02 * std::max(std::sqrt(e.chord), e.turn);
+      if (more <= 1.02) break;
+      if (nu == 1500 && nv == 1500) {
+        mesh_.chord_max_mm = std::max(mesh_.chord_max_mm, e.chord * tol_.chord_mm);
+        break;
+      }
+      nu = std::min(1500, static_cast<int>(std::ceil(nu * more))), nv = std::min(1500, static_cast<int>(std::ceil(nv * more)));
+    }
     std::vector<int> id(static_cast<std::size_t>((nu + 1) * (nv + 1)));
     const auto at = [&](int i, int j) -> int& { return id[static_cast<std::size_t>(i * (nv + 1) + j)]; };
     const auto uv = [&](int i, int j) { return Vec2(d.u0 + (d.u1 - d.u0) * i / nu, d.v0 + (d.v1 - d.v0) * j / nv); };
@@ -385,12 +422,12 @@ class FaceMesher {
     const double l = n.norm();
     return l > 1e-6 * std::max(j.d0.squaredNorm(), j.d1.squaredNorm()) ? Vec3(n / l) : Vec3::Zero();
   }
-  /// The normal on the way from a to b, kNormalReach_mm from a.
-  static Vec3 normal_inside(const Chart& chart, const Vec2& a, const Vec2& b, double length_mm) {
-    double part = kNormalReach_mm / length_mm;
-    const Vec3 p = chart.at(a).p;
-    while (part < 0.25 && (chart.at(a + part * (b - a)).p - p).norm() < kNormalReach_mm) part *= 2;
-    return normal_of(chart.at(a + part * (b - a)));
+  /// The normal below the straight way from a to b, kNormalReach_mm from a.
+  static Vec3 normal_inside(const Chart& chart, const Vec2& a, const Vec3& p_a, const Vec3& p_b, double length_mm) {
+    const Vec3 p = p_a + kNormalReach_mm / length_mm * (p_b - p_a);
+    SurfaceFoot g = project(*chart.surface, *chart.domain, p, chart.uv(a));
+    if (!has_closed_form_foot(*chart.surface) && (g.p - p).norm() > 0.1 * kNormalReach_mm) g = project(*chart.surface, *chart.domain, p);
+    return normal_of(chart.at(chart.q({g.u, g.v})));
   }
   /// Angle between the normals at two chart points; where an end has none of its own, the normal a little inside counts.
   double turn(const Chart& chart, const std::vector<Vec2>& q, std::size_t a, std::size_t b) {
@@ -402,9 +439,10 @@ class FaceMesher {
     };
     const double turn = between(normals_[a], normals_[b]);
     if (turn <= tol_.angle_rad && !normals_[a].isZero() && !normals_[b].isZero()) return turn;
-    const double l = (chart.at(q[b]).p - chart.at(q[a]).p).norm();
-    if (l < 4 * kNormalReach_mm) return turn;
-    const Vec3 x = normal_inside(chart, q[a], q[b], l), y = normal_inside(chart, q[b], q[a], l);
+    const Vec3 p_a = chart.at(q[a]).p, p_b = chart.at(q[b]).p;
+    const double l = (p_b - p_a).norm();
+    if (l < 2 * kNormalReach_mm) return 0;
+    const Vec3 x = normal_inside(chart, q[a], p_a, p_b, l), y = normal_inside(chart, q[b], p_b, p_a, l);
     return between(is_settled(normals_[a], x, tol_.angle_rad) ? normals_[a] : x,
                    is_settled(normals_[b], y, tol_.angle_rad) ? normals_[b] : y);
   }

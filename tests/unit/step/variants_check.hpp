@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "independent.hpp"
+#include "mesh_truth.hpp"
 #include "planner/io/step/step_reader.hpp"
 #include "variants.hpp"
 
@@ -31,6 +32,9 @@ inline void expect_truth(const std::string& text, const Truth& t, double relativ
   const TriangleSums m = triangle_sums(b.mesh);
   EXPECT_NEAR(m.volume_mm3.x(), t.volume_mm3, 0.02 * std::abs(t.volume_mm3));
   EXPECT_NEAR(m.area_mm2, t.area_mm2, 0.02 * t.area_mm2);
+  const ChordCheck c = check_chords(b, 4, o.chord_mm, o.angle_rad);
+  EXPECT_EQ(c.over, 0u) << c.face << " off by " << c.worst_mm;
+  EXPECT_EQ(c.turns_over, 0u) << c.turn_face << " turns by " << c.worst_turn_rad;
 }
 
 }  // namespace asbuilt::test
