@@ -438,7 +438,7 @@ class FaceMesher {
       return x.isZero() || y.isZero() ? 0 : std::atan2(x.cross(y).norm(), x.dot(y));
     };
     const double turn = between(normals_[a], normals_[b]);
-    if (turn <= tol_.angle_rad && !normals_[a].isZero() && !normals_[b].isZero()) return turn;
+    if (chart.is_stereographic || (turn <= tol_.angle_rad && !normals_[a].isZero() && !normals_[b].isZero())) return turn;
     const Vec3 p_a = chart.at(q[a]).p, p_b = chart.at(q[b]).p;
     const double l = (p_b - p_a).norm();
     if (l < 2 * kNormalReach_mm) return 0;
