@@ -54,7 +54,7 @@ struct Linter {
     return it != context.cell.controller.options.end() && it->second == "sub";
   }
   bool is_in_sub = false, has_code = false, has_motion = false, has_m30 = false;
-  bool is_trafo = false, is_cs = false, is_mcs = false, is_hsc = false, is_ptp = false, is_spinning = false, has_speed = false;
+  bool is_trafo = false, is_cs = false, is_mcs = false, is_hsc = false, is_ptp = false, is_trafo_said = false, is_cs_said = false, is_spinning = false, has_speed = false;
   std::set<int> head;
   double last_number = -1, step = 0;
   bool has_unnumbered = false;
@@ -142,7 +142,7 @@ struct Linter {
     if (is_hsc && (name == "#TRAFO" || name == "#CS" || name == "#FLUSH" || name == "#CHANNEL")) f.add("B-03", line, name + " inside #HSC");
     static const std::set<std::string> own = {"ON", "OFF", "ALL", "DEF", "ADD", "ID", "MODE", "WAIT", "INIT", "ANGLE", "VECTOR", "BEGIN", "END"};
     int depth = 0;
-    for (std::size_t i = 1; i < t.size(); ++i) {
+    for (std::size_t i = 1; i < t.size() && name != "#WAIT"; ++i) {  // a condition, to the end of the block
       depth += t[i].is("[") ? 1 : t[i].is("]") ? -1 : 0;
       if (depth == 0 && !t[i].is("]") && !own.count(t[i].text)) {
         f.add("B-03", line, "a # command must stand alone in its block");
@@ -152,11 +152,13 @@ struct Linter {
     if (name == "#TRAFO") {
       if (find(t, "OFF") != std::string::npos && is_cs) f.add("B-03", line, "#TRAFO OFF inside #CS");
       on_off(line, t, is_trafo, "#TRAFO");
+      is_trafo_said = true;
       has_feed = false;
       now.clear();
     } else if (name == "#CS") {
       if (find(t, "ON") != std::string::npos && !is_trafo) f.add("B-03", line, "#CS ON before #TRAFO ON");
       on_off(line, t, is_cs, "#CS");
+      is_cs_said |= find(t, "OFF") != std::string::npos;
       if (find(t, "DEF") == std::string::npos) now.clear();
     } else if (name == "#MCS") {
       on_off(line, t, is_mcs, "#MCS");
@@ -246,12 +248,14 @@ struct Linter {
 
   void move(const Line& line, std::map<char, double>& v) {
     if (!has_motion)
-      for (int g : {90, 71, 94, 17})
+      for (int g : {90, 71, 94, 17, 40, 53, 162})
         if (!head.count(g)) f.add("B-14", line, "G" + std::to_string(g) + " is not in the head");
     has_motion = true;
     if (motion < 0) f.add("B-05", line, "a motion before G00, G01, G02, G03");
     if (motion > 0 && !has_feed) f.add("B-05", line, "a motion before F");
     const bool is_cartesian = is_trafo && !is_mcs;
+    if (!is_cartesian && !is_trafo_said && !is_mcs) f.add("B-04", line, "a joint move before #TRAFO OFF: what the program before left on is not known");
+    if (is_cartesian && !is_cs_said) f.add("B-04", line, "a path block before #CS OFF: what the program before left on is not known");
     if (!is_cartesian && motion > 1) f.add("B-04", line, "an arc in axis values");
     std::map<char, double> before = now;
     for (char c : std::string_view("XYZABC"))

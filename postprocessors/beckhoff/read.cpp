@@ -68,7 +68,8 @@ class Reader {
   };
   std::map<int, Switch> equipment_codes_;
   bool is_hsc_ = false;
-  int hsc_points_ = 0;
+  int hsc_points_ = 0, tool_number_ = 0;
+  std::set<std::pair<int, int>> checked_;  // tool and index of its data that the program waits for
   std::map<int, Pose<frame::Base, frame::Work>> systems_;
   std::optional<Pose<frame::Base, frame::Work>> active_;
   bool is_trafo_ = false, is_mcs_ = false, is_contouring_ = false, is_centre_absolute_ = false;
@@ -261,9 +262,9 @@ class Reader {
       active_ = systems_[id];
       forget_place();
     } else if (s.accept("#CONTOUR")) {
-      s.expect("MODE"), s.expect("["), s.expect("DIST"), s.expect("PRE_DIST"), s.accept("=");
+      s.expect("MODE"), s.expect("["), s.expect("DIST"), s.expect("PRE_DIST"), s.expect("=");
       const double pre = s.expect_number("the distance");
-      s.expect("POST_DIST"), s.accept("=");
+      s.expect("POST_DIST"), s.expect("=");
       const double post = s.expect_number("the distance");
       s.expect("]");
       if (pre != post || !(pre > 0)) fail(line, "read.range", "the corner distances must be equal and above 0", pre, post, "mm");
@@ -284,11 +285,46 @@ class Reader {
         if (hsc_points_ < 2) fail(line, "read.spline", "a spline needs at least two points", hsc_points_, 2, "points");
         is_hsc_ = false;
       }
+    } else if (s.accept("#WAIT")) {
+      tool_check(s);
     } else if (s.accept("#FLUSH")) {
       s.accept("WAIT");
     } else {
       s.unknown();
     }
+  }
+
+  /// #WAIT FOR ABS[V.G.WZ[n].KIN_PARAM[i]-v] < 100: it must hold for the cell's tool, or the program would wait for ever.
+  void tool_check(Scanner& s) {
+    const Line line = s.line();
+    s.expect("FOR"), s.expect("ABS"), s.expect("["), s.expect("V"), s.expect("."), s.expect("G"), s.expect("."), s.expect("WZ"), s.expect("[");
+    const int number = s.expect_integer("the tool", 1, 9999);
+    s.expect("]"), s.expect("."), s.expect("KIN_PARAM"), s.expect("[");
+    const int index = s.expect_integer("the index", 0, 69);
+    s.expect("]");
+    const double sign = s.accept("+") ? -1 : 1;
+    if (sign > 0) s.expect("-");
+    const double wanted = sign * s.expect_integer("the value", 0, 100000000);
+    s.expect("]"), s.expect("<");
+    s.expect_integer("the limit", 100, 100);
+    const auto option = context_.cell.controller.options.find("beckhoff.tool_data");
+    if (option == context_.cell.controller.options.end()) fail(line, "read.undefined", "what KIN_PARAM[" + std::to_string(index) + "] is is the machine's; give controller.beckhoff.tool_data in cell.yaml", index);
+    const auto indices = reading::words(option->second);
+    std::size_t k = 0;
+    while (k < indices.size() && std::atoi(indices[k].c_str()) != index) ++k;
+    if (k >= indices.size() || k > 5) fail(line, "read.check", "KIN_PARAM[" + std::to_string(index) + "] is none of controller.beckhoff.tool_data", index);
+    const ToolSpec* tool = nullptr;
+    for (const ToolSpec& t : context_.cell.tools)
+      if (t.number == number) tool = &t;
+    if (!tool) fail(line, "read.tool", "tool " + std::to_string(number) + " is not in the cell", number);
+    const Mat3 R = tool->T_flange_tool.rotation();
+    const double deg = 57.29577951308232, cos_b = std::hypot(R(0, 0), R(1, 0));
+    const bool is_pole = cos_b < 1e-9;
+    const double a = is_pole ? std::atan2(-R(0, 1), R(1, 1)) : std::atan2(R(1, 0), R(0, 0)), b = std::atan2(-R(2, 0), cos_b), c = is_pole ? 0 : std::atan2(R(2, 1), R(2, 2));
+    const std::array<double, 6> has{tool->T_flange_tool.p_mm.x(), tool->T_flange_tool.p_mm.y(), tool->T_flange_tool.p_mm.z(), a * deg, b * deg, c * deg};
+    const double off = std::abs(has[k] * 1e4 - wanted);  // the machine's own units: 0.1 micrometres, 0.0001 degrees
+    if (off > 5.1 && std::abs(off - 3.6e6) > 5.1) fail(line, "read.check", "the program would wait here for ever: the cell's tool differs from the one expected", off / 1e4, 0.0005);
+    checked_.insert({number, index});
   }
 
   // ---------------------------------------------------------------- blocks
@@ -373,6 +409,7 @@ class Reader {
       if (w.value.count('T') && w.value['T'] != t) fail(line, "read.tool", "T and D name different tools", w.value['T'], t);
       if (t != std::floor(t) || t < 1 || t > 9999) fail(line, "read.range", "tools are whole numbers from 1", t, 9999);
       build_.set_tool(line, static_cast<int>(t));
+      tool_number_ = static_cast<int>(t);
     }
     if (w.value.count('F')) {
       feed_ = w.value['F'];
@@ -407,6 +444,10 @@ class Reader {
     if (w.has_axis()) {
       if (has_end_) fail(line, "read.unknown", "a motion in the last block");
       if (motion_ < 0) fail(line, "read.undefined", "a motion before G00, G01, G02 or G03");
+      if (const auto option = context_.cell.controller.options.find("beckhoff.tool_data"); option != context_.cell.controller.options.end())
+        for (const std::string& index : reading::words(option->second))
+          if (!checked_.count({tool_number_, std::atoi(index.c_str())}))
+            fail(line, "read.check", "the tool's data are not checked before its first motion (KIN_PARAM[" + index + "])", tool_number_);
       if (!is_absolute_ || !is_mm_ || !is_per_minute_) fail(line, "read.undefined", "a motion before G90, G71 and G94 are set");
       if (is_trafo_ && !is_mcs_)
         path(line, w, !is_exact && (is_contouring_ || is_corner));

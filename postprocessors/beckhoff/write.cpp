@@ -209,6 +209,16 @@ struct Writer {
     tool = t;
     to_joints();
     add("T" + std::to_string(s.number) + " D" + std::to_string(s.number));
+    tool_check(*t);
+  }
+  std::vector<int> tool_data;  // beckhoff.tool_data: the indices of the tool's kinematic parameters X Y Z, or X Y Z A B C
+  /// The interpreter waits until the controller's tool data are what the plan was made with: 0.1 micrometres and 0.0001 degrees, to 0.01 of each.
+  void tool_check(const ToolSpec& t) {
+    const Printed p = print_pose(t.T_flange_tool.rotation(), t.T_flange_tool.p_mm, kMm, kDeg);
+    for (std::size_t i = 0; i < tool_data.size(); ++i) {
+      const long long v = std::llround((i < 3 ? p.xyz_mm[i] : p.abc_deg[i - 3]) * 1e4);
+      add("#WAIT FOR ABS[V.G.WZ[" + std::to_string(t.number) + "].KIN_PARAM[" + std::to_string(tool_data[i]) + "]" + (v < 0 ? "+" : "-") + std::to_string(std::llabs(v)) + "] < 100");
+    }
   }
   void operator()(const SetFrame& s) {
     if (s.T_base_work.p_mm == T_base_planned.p_mm && s.T_base_work.q.coeffs() == T_base_planned.q.coeffs()) return;
@@ -328,7 +338,7 @@ struct Writer {
 Result<ProgramText> write(const Program& program, const PostContext& context) {
   const ControllerSpec& c = context.cell.controller;
   Refusals faults = check(program, context, {.name_length = 60, .speed_min_mm_s = 0.01, .speed_max_mm_s = 3000, .wait_min_s = 0.001, .wait_max_s = 3600});
-  check_options(context, "beckhoff", {"output.", "rapid_mm_s", "coolant", "arc.", "weave.", "recording", "tool_check.", "hsc_path_dev", "delivery", "path", "arcs"}, faults);
+  check_options(context, "beckhoff", {"output.", "rapid_mm_s", "coolant", "arc.", "weave.", "recording", "tool_check.", "hsc_path_dev", "delivery", "path", "arcs", "receipt", "tool_data"}, faults);
   bool has_path = false, has_spline = false;
   for (const Instruction& i : program.instructions) {
     has_spline |= std::holds_alternative<MoveSpline>(i);
@@ -353,6 +363,12 @@ Result<ProgramText> write(const Program& program, const PostContext& context) {
     faults.push_back(fault("post.missing_value", "cell.yaml: controller.beckhoff.hsc_path_dev",
                            "#HSC is a licensed option; where it is there, give how far it may leave the points, mm"));
   }
+  std::vector<int> tool_data;
+  if (const auto text = option(context, "beckhoff.tool_data")) {
+    for (const std::string& word : writing::words_of(*text)) tool_data.push_back(whole_number(word).value_or(-1));
+    if ((tool_data.size() != 3 && tool_data.size() != 6) || std::any_of(tool_data.begin(), tool_data.end(), [](int i) { return i < 0 || i > 69; }))
+      faults.push_back(fault("post.option", "cell.yaml: controller.beckhoff.tool_data", "\"" + *text + "\" are not three or six indices of V.G.WZ[n].KIN_PARAM, 0 to 69, of X Y Z (and A B C)", static_cast<double>(tool_data.size()), 6));
+  }
   const std::string delivery = option(context, "beckhoff.delivery").value_or("main");
   const bool is_sub = delivery == "sub";
   if (!is_sub && delivery != "main") faults.push_back(fault("post.option", "cell.yaml: controller.beckhoff.delivery", "\"" + delivery + "\" is neither main nor sub"));
@@ -366,11 +382,12 @@ Result<ProgramText> write(const Program& program, const PostContext& context) {
   w.name = program.name;
   if (!is_sub) w.out.add("%" + program.name);
   for (const std::string& h : program.header) w.add_comment(h);
-  w.add("G90 G71 G94 G17");
+  w.add("G90 G71 G94 G17 G40 G53 G162");
   w.add("#CS OFF ALL");
   w.add("#TRAFO OFF");
   if (c.kinematic_id) w.add("#KIN ID [" + std::to_string(*c.kinematic_id) + "]");
   w.hsc_path_dev_mm = hsc_path_dev_mm;
+  w.tool_data = tool_data;
   for (w.at = 0; w.at < program.instructions.size(); ++w.at) {
     if (!std::holds_alternative<MoveSpline>(program.instructions[w.at])) w.end_spline();
     std::visit(w, program.instructions[w.at]);
