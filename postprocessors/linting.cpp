@@ -7,7 +7,7 @@
 
 namespace asbuilt::linting {
 
-const std::vector<std::string_view> kCommonErrors = {"G-00", "G-01", "G-02", "G-03", "G-04", "G-05", "G-06", "G-10"};
+const std::vector<std::string_view> kCommonErrors = {"G-00", "G-01", "G-02", "G-03", "G-04", "G-05", "G-06", "G-10", "G-14", "G-15", "G-16", "G-17"};
 const std::vector<std::string_view> kCommonWarnings = {"G-07"};
 
 std::vector<std::string_view> joined(std::vector<std::string_view> a, const std::vector<std::string_view>& b) {
@@ -143,6 +143,8 @@ void numbers_rule(Findings& f, const reading::Line& line, std::string_view code)
       continue;
     }
     const bool is_minus = code[i] == '-' && i + 1 < code.size() && (is_digit(code[i + 1]) || code[i + 1] == '.');
+    const bool is_point = code[i] == '.' && i + 1 < code.size() && is_digit(code[i + 1]) && (i == 0 || !is_digit(code[i - 1]));
+    if (is_point || (is_minus && code[i + 1] == '.')) f.add("G-02", line, "a number that begins with its point");
     if (!is_digit(code[i]) && !is_minus) {
       ++i;
       continue;
@@ -151,6 +153,7 @@ void numbers_rule(Findings& f, const reading::Line& line, std::string_view code)
     const std::size_t begin = j;
     bool is_zero = true;
     while (j < code.size() && (is_digit(code[j]) || code[j] == '.')) is_zero &= code[j] == '0' || code[j] == '.', ++j;
+    if (code[begin] == '0' && begin + 1 < code.size() && is_digit(code[begin + 1]) && (begin == 0 || code[begin - 1] != '.')) f.add("G-02", line, "a number with a zero before its first digit");
     if (is_minus && is_zero) f.add("G-02", line, "negative zero " + std::string(code.substr(i, j - i)));
     if (std::count(code.begin() + begin, code.begin() + j, '.') > 1) f.add("G-02", line, std::string(code.substr(i, j - i)));
     if (j + 1 < code.size() && (code[j] == 'e' || code[j] == 'E') && (is_digit(code[j + 1]) || code[j + 1] == '+' || code[j + 1] == '-'))
@@ -225,6 +228,7 @@ void common_rules(Findings& findings, const ProgramText& text, const PostContext
     findings.add("G-00", program.error().front().where, program.error().front().code + " " + program.error().front().message);
     return;
   }
+  header_rules(findings, *program, context, text.language);
   Walk w{findings, context, program->name};
   for (const Instruction& i : program->instructions) std::visit(w, i);
   if (w.is_spinning) findings.add("G-05", w.where(), "the spindle is on at the end");

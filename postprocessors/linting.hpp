@@ -3,6 +3,7 @@
 #pragma once
 
 #include <map>
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -31,11 +32,14 @@ class Findings {
 };
 
 /// G-01 (bytes), G-02 (numbers) on the text; G-03 (joints inside limits), G-04 (order), G-05 (end), G-06 (feed), G-07 (points too
-/// close), G-10 (spindle) on what the dialect's own reader makes of it. A text that the reader refuses fails G-00.
+/// close), G-10 (spindle), G-14 to G-17 (header) on what the dialect's own reader makes of it. A text that the reader refuses fails G-00.
 ///
 /// `comment` gives for a line the part that is no comment.
 void common_rules(Findings& findings, const ProgramText& text, const PostContext& context, Result<Program> (*read)(const ProgramText&, const PostContext&),
                   std::string_view (*code_of)(std::string_view line), bool needs_crlf);
+
+/// G-14 (tool), G-15 (frame), G-16 (controller), G-17 (run, with its receipt): what the header states, held against the cell and the program.
+void header_rules(Findings& findings, const Program& program, const PostContext& context, Language language);
 
 /// A token of a line: a name in upper case (letters, digits, _ $ #), a number, or one other character.
 struct Token {

@@ -95,7 +95,11 @@ double Scanner::expect_number(std::string_view what) {
   return *v;
 }
 int Scanner::expect_integer(std::string_view what, int lo, int hi) {
+  blanks();
+  const std::size_t first = at_;
   const double v = expect_number(what);
+  const std::string_view token = text_.substr(first, at_ - first);
+  if (token.find_first_of(".eE") != std::string_view::npos) fail(line_, "read.range", std::string(what) + " is a whole number, written without a point", v, hi);
   if (v != std::floor(v) || v < lo || v > hi)
     fail(line_, "read.range", std::string(what) + " is no whole number from " + std::to_string(lo) + " to " + std::to_string(hi), v, hi);
   return static_cast<int>(v);

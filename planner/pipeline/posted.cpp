@@ -6,17 +6,72 @@
 #include <algorithm>
 #include <cstdlib>
 
+#include "planner/base/number.hpp"
 #include "planner/plan/program/arcs.hpp"
-#include "planner/verify/verify.hpp"
-#include "postprocessors/rounding.hpp"
 
 namespace asbuilt {
 
 namespace {
 
-/// The program as a dialect can say it: outputs on the path become points where it has none, and where the cell asks for it
-/// (`arcs: 0.005` mm, `path: splines` in the controller's block) straight moves become arcs or splines.
-Program shaped(const Program& program, const Post& post, const PostContext& context, Refusals& faults) {
+/// What the text depends on besides the cell's geometry; the program's header states it, and the rules hold it against the cell.
+std::string controller_line(const Post& post, const PostContext& context) {
+  const ControllerSpec& c = context.cell.controller;
+  const auto option = [&](const char* key, const std::string& otherwise = "") {
+    const auto it = c.options.find(key);
+    return it == c.options.end() ? otherwise : it->second;
+  };
+  std::string line;
+  const auto part = [&](const std::string& head, const std::string& value) {
+    if (!value.empty()) line += (line.empty() ? "" : ", ") + head + value;
+  };
+  if (post.language == Language::krl) {
+    part("", option("krl.version", "KRC4"));
+    part("serial_number ", option("krl.serial_number")), part("kernel ", option("krl.kernel"));
+  } else if (post.language == Language::inform) {
+    part("V in ", c.speed_unit ? std::string(name_of(*c.speed_unit)) : "");
+    std::string pulses;
+    for (std::size_t i = 0; c.pulses_per_degree && i < 6; ++i) pulses += (i ? " " : "") + fixed_number((*c.pulses_per_degree)[i], 5);
+    part("pulses per degree ", pulses);
+  } else if (post.language == Language::beckhoff) {
+    part("A B C by ", c.orientation ? std::string(name_of(*c.orientation)) : "");
+    part("kinematic ", c.kinematic_id ? std::to_string(*c.kinematic_id) : "");
+  } else if (post.language == Language::nci) {
+    part("Q1 Q2 Q3 by ", option("nci.orientation")), part("kinematics by M ", option("nci.kinematics"));
+  } else {
+    part("", "Polyscope");
+  }
+  return "controller " + std::string(name_of(post.language)) + ": " + line;
+}
+
+/// The header's last word: for which controller, and whether one has run a program of this post. A receipt is "DIGEST DATE who and what": the
+/// SHA-256 of the program that ran (12 hex digits at least) and the day.
+void sign_header(Program& out, const Post& post, const PostContext& context, Refusals& faults) {
+  const auto line = std::find(out.header.begin(), out.header.end(), "not run on a controller");
+  const std::string key = std::string(name_of(post.language)) + ".receipt";
+  const auto it = context.cell.controller.options.find(key);
+  if (it != context.cell.controller.options.end()) {
+    const std::string& r = it->second;
+    const std::size_t digest = std::min(r.find(' '), r.size());
+    const auto refuse_it = [&](const std::string& why) {
+      faults.push_back({.code = "post.receipt", .where = "cell.yaml: controller." + key, .message = "\"" + r + "\" " + why + "; give it as \"SHA256 2026-11-22 NAME, CONTROLLER\" or leave it out", .stage = "post"});
+    };
+    const std::string date = digest < r.size() ? r.substr(digest + 1, 10) : "";
+    bool is_date = date.size() == 10 && date[4] == '-' && date[7] == '-';
+    for (std::size_t i : {0u, 1u, 2u, 3u, 5u, 6u, 8u, 9u}) is_date = is_date && date[i] >= '0' && date[i] <= '9';
+    if (digest < 12 || r.find_first_not_of("0123456789abcdef") < digest) refuse_it("does not begin with the digest of the program that ran");
+    else if (!is_date) refuse_it("does not tell the day of the run");
+    else if (date > context.date.substr(0, 10)) refuse_it("tells of a run after " + context.date);
+    else if (r.size() < digest + 13) refuse_it("does not tell who ran it, and where");
+    else if (line != out.header.end()) *line = "run on a controller: " + r;
+  }
+  if (line != out.header.end()) out.header.insert(line, controller_line(post, context));
+}
+
+}  // namespace
+
+// `arcs: 0.005` (mm) and `path: splines` in the controller's block.
+Result<Program> shaped_for(const Post& post, const Program& program, const PostContext& context) {
+  Refusals faults;
   const std::string block(name_of(post.language));
   const auto& options = context.cell.controller.options;
   Program out = post.has_path_events ? program : cut_at_outputs(program);
@@ -41,16 +96,16 @@ Program shaped(const Program& program, const Post& post, const PostContext& cont
     else if (it->second != "lines")
       faults.push_back({.code = "post.option", .where = "cell.yaml: controller." + it->first, .message = "\"" + it->second + "\" is neither lines nor splines", .stage = "post"});
   }
+  sign_header(out, post, context, faults);
+  if (!faults.empty()) return refuse_all(std::move(faults));
   return out;
 }
 
-}  // namespace
-
 Result<Done<Posted>> write_and_read_back(const Post& post, const Program& planned, const PostContext& context) {
   Posted posted;
-  Refusals faults;
-  const Program program = shaped(planned, post, context, faults);
-  if (!faults.empty()) return refuse_all(std::move(faults));
+  auto shaped = shaped_for(post, planned, context);
+  if (!shaped) return refuse_all(shaped.error());
+  const Program& program = *shaped;
   auto text = post.write(program, context);
   if (!text) return refuse_all(text.error());
   posted.text = std::move(*text);
@@ -62,10 +117,7 @@ Result<Done<Posted>> write_and_read_back(const Post& post, const Program& planne
     return refuse_all(std::move(why));
   }
   posted.read_back = std::move(*read_back);
-  double joint_step_rad = 0;  // the coarsest joint's last printed digit
-  for (const double step : post.joint_step_rad(context)) joint_step_rad = std::max(joint_step_rad, step);
-  const Verdict same = compare_programs(program, posted.read_back, post.position_step_mm, post.angle_step_rad, post.speed_step_mm_s, joint_step_rad,
-                                        keeps_rounding(post, context) ? post.blend_step_mm : 0);
+  const Verdict same = compare_programs(program, posted.read_back, printed_steps(post, context));
   must(!same.checks.empty(), "the comparison of planned and read-back program made no check");
   posted.checks.insert(posted.checks.end(), same.checks.begin(), same.checks.end());
   return Done<Posted>{std::move(posted), {}};

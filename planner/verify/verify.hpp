@@ -24,10 +24,17 @@ Verdict verify_item(const Job& job, const Location& location, const Features& fe
 /// An inspection program: the cell as above, fixture and part besides, and every view's stop: in order, where it was planned, standing still.
 Verdict verify_inspection(const Job& job, const Location& location, const Inspection& inspection, const Program& program);
 
-/// What was read back against what was planned: every target, orientation, speed, event, in order; to half the last printed digit.
-/// `joint_step_rad`: the last printed digit of a joint where it is coarser than 0.001 degree (pulses). `blend_step_mm`: that of a rounding
-/// distance; 0 where the dialect may round less than planned.
-Verdict compare_programs(const Program& planned, const Program& read_back, double position_step_mm, double angle_step_rad,
-                         double speed_step_mm_s, double joint_step_rad = 0, double blend_step_mm = 0);
+/// The last printed digit of everything a dialect prints; 0 where it is not known, then a bound of every dialect stands in.
+struct PrintedSteps {
+  double position_mm = 0.001, angle_rad = 1e-4 * kPi / 180, speed_mm_s = 0.001;
+  JointVector joint_rad{};
+  double joint_speed_ratio = 0.01, spindle_rpm = 1, time_s = 0.01;
+  enum class Angles { turns_zyx, turns_zyz, vector } angles = Angles::turns_zyx;  // what the printed angles are
+  double blend_mm = 0;          // of a rounding distance; 0: the dialect may round less than planned, never more
+};
+
+/// What was read back against what was planned: every target, orientation, speed, event, in order; to half the last printed digit, each
+/// coordinate in the frame it was printed in.
+Verdict compare_programs(const Program& planned, const Program& read_back, const PrintedSteps& steps);
 
 }  // namespace asbuilt

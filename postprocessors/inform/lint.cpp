@@ -38,7 +38,8 @@ struct Linter {
   std::set<std::string> jobs, called;
   std::set<int> user_frames;
   std::string first_motion_job;
-  bool has_moved = false;
+  bool has_moved = false, is_spindle_on = false;
+  double analog = 0;                  // volts for the spindle's speed
   std::optional<JointVector> q_last;  // of the last pulses
 
   bool has_option(const char* key) const { return context.cell.controller.options.count(key) > 0; }
@@ -259,11 +260,16 @@ struct Linter {
       name = name.substr(0, name.find(' '));
       if (!is_machines(name)) called.insert(name);
     }
+    for (const ToolSpec& tool : context.cell.tools) {
+      if (op == "AOUT" && number_after(t, "AO#") == static_cast<double>(tool.spindle.analog)) analog = t.back().value;
+      if (op == "DOUT" && number_after(t, "OT#") == static_cast<double>(tool.spindle.output)) is_spindle_on = t.back().is("ON");
+    }
     if (op == "DOUT") {
       const auto n = number_after(t, "OT#");
       if (!n || *n < 1 || *n > 4096) f.add("I-16", line, "an output outside the map");
     }
     if (!moves.count(op)) return;
+    if (analog != 0 && !is_spindle_on) f.add("G-10", line, "the spindle's speed is set and the spindle is not switched on");
     if (is_arc_on && (op == "MOVJ" || op == "MOVS")) f.add("I-13", line, "with the arc on only MOVL and MOVC");
     char expected[16];
     std::snprintf(expected, sizeof expected, "C%05d", used);
@@ -309,6 +315,7 @@ std::vector<Check> lint(const ProgramText& text, const PostContext& context) {
   // Pages run before the main job's end; the first motion is the first of the first page where the main job has none.
   for (const ProgramFile& file : text.files)
     if (upper_of(file.name).ends_with(".JBI")) l.job(file);
+  if (l.analog != 0) f.add("G-05", text.files.front().name, "the spindle's speed is set at the end");
   for (const std::string& name : l.called)
     if (!l.jobs.count(name)) f.add("I-14", name, "is called and not delivered");
   return f.checks();

@@ -109,11 +109,24 @@ class Reader {
   static Eigen::Quaterniond rotation(const std::array<double, 6>& v) { return rotation_zyx(v[5], v[4], v[3]); }
 
   void load_frames(const ProgramFile& f) {
-    std::optional<int> number;
+    std::optional<int> number;  // of the frame
+    int tool = -1;              // whose pose comes next
+    bool is_tool_file = false;
     for (const Line& line : lines_of(f)) {
       Scanner s(line);
       if (s.at_end()) continue;
-      if (s.accept("//UFRAME")) {
+      if (s.accept("//TOOL")) {
+        tool = s.expect_integer("the tool", 0, 63);
+        s.expect_end();
+        is_tool_file = true;
+      } else if (is_tool_file && !s.accept("///NAME")) {  // X, Y, Z, Rx, Ry, Rz, then the load
+        if (!s.number()) s.unknown();
+        if (tool < 0) continue;
+        check_tool(line, tool, six(line));
+        tool = -1;
+      } else if (is_tool_file) {
+        continue;
+      } else if (s.accept("//UFRAME")) {
         number = s.expect_integer("the user frame", 1, 63);
         s.expect_end();
       } else if (s.accept("///BUSER")) {
@@ -124,6 +137,21 @@ class Reader {
       } else if (!s.accept("///NAME") && !s.accept("///TOOL") && !s.accept("///GROUP")) {
         s.unknown();
       }
+    }
+  }
+
+  static std::array<double, 6> six(const Line& line) {
+    Scanner s(line);
+    return six(s);
+  }
+  /// The controller's own tool data, where they are given: those of the cell, to 0.01 mm and 0.01 degrees.
+  void check_tool(const Line& line, int number, const std::array<double, 6>& v) {
+    for (const ToolSpec& t : context_.cell.tools) {
+      if (t.number != number) continue;
+      const double mm = (t.T_flange_tool.p_mm - Vec3(v[0], v[1], v[2])).cwiseAbs().maxCoeff();
+      if (mm > 0.0101) fail(line, "read.tool_data", "tool " + std::to_string(number) + " of the controller is not the cell's: enter the calibrated one", mm, 0.01, "mm");
+      const double deg = deg_from_rad(quat_log(t.T_flange_tool.q.conjugate() * rotation(v)).norm());
+      if (deg > 0.0101) fail(line, "read.tool_data", "tool " + std::to_string(number) + " of the controller is turned against the cell's: enter the calibrated one", deg, 0.01, "deg");
     }
   }
 

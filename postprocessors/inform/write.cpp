@@ -400,7 +400,7 @@ Result<ProgramText> write(const Program& program, const PostContext& context) {
     faults.push_back(fault("post.missing_value", "cell.yaml: controller.inform.speed_unit",
                            "V= is mm/s or cm/min by a setting of the controller, a factor of 6; give the one it has"));
   if (c.speed_unit && *c.speed_unit == SpeedUnit::cm_min) machine.mm_s_per_unit = 10.0 / 60.0;
-  check_options(context, "inform", {"user_frame", "name_length", "max_lines", "flip", "position_levels", "relative", "coolant", "arc", "weave", "recording", "tool_check", "path", "arcs"}, faults);
+  check_options(context, "inform", {"user_frame", "name_length", "max_lines", "flip", "position_levels", "relative", "coolant", "arc", "weave", "recording", "tool_check", "path", "arcs", "receipt"}, faults);
   const auto user = option_int(context, "inform.user_frame", 0, 1, 63);
   const auto name_length = option_int(context, "inform.name_length", 32, 8, 32);
   const auto max_lines = option_int(context, "inform.max_lines", 9000, 50, 99000);

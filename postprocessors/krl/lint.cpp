@@ -163,7 +163,22 @@ struct Linter {
     if (v && (*v < lo || *v > hi || (is_open_below && *v <= lo))) f.add(rule, line, std::string(what) + " out of range");
   }
 
+  /// The spindle's speed is set beside its switching on and taken back beside its switching off: no motion with the one and without the other.
+  double analog = 0;
+  bool is_spindle_on = false;
+  void spindle(const std::vector<Token>& t) {
+    for (const char* name : {"$OUT", "$ANOUT"}) {
+      const std::size_t at = find(t, name);
+      if (at == std::string::npos || at + 5 >= t.size() || t[at + 2].kind != Token::Kind::number) continue;
+      for (const ToolSpec& tool : context.cell.tools) {
+        if (name[1] == 'O' && tool.spindle.output == t[at + 2].value) is_spindle_on = t[at + 5].is("TRUE");
+        if (name[1] == 'A' && tool.spindle.analog == t[at + 2].value) analog = t[at + 5].value;
+      }
+    }
+  }
+
   void statement(const Line& line, const std::vector<Token>& t) {
+    spindle(t);
     const bool is_assignment = t.size() > 1 && find(t, "=") != std::string::npos;
     if (t[0].is("$TOOL")) {
       has_tool = true;
@@ -218,7 +233,7 @@ struct Linter {
       return f.add("K-06", line, "no check of a tool");
     const std::string left = t[minus - 1].text, right = t[less - 2].text;
     if (left != right || t[minus + 1].text != "EXPECTED_TOOL_" + std::to_string(static_cast<int>(*n))) f.add("K-06", line, "the two sides of the check do not belong together");
-    if (!(t[less + 1].value > 0) || t[less + 1].value > 0.0101) f.add("K-06", line, "the check lets more than 0.01 pass");
+    if (!(t[less + 1].value > 0) || t[less + 1].value > 0.01 + 1e-9) f.add("K-06", line, "the check lets more than 0.01 pass");
     checked[static_cast<int>(*n)].insert(left);
   }
   /// DECL FRAME EXPECTED_TOOL_n={..} in the .dat: the cell's tool to the last digit.
@@ -281,6 +296,7 @@ struct Linter {
       if (!has_tool || !has_base || !has_ipo) f.add("K-06", line, "motion before $TOOL, $BASE and $IPO_MODE are set");
     }
     has_moved = true;
+    if (analog != 0 && !is_spindle_on) f.add("G-10", line, "the spindle's speed is set and the spindle is not switched on");
     pending = 0;
     if (stopper && was_rounded && is_rounded) f.add("K-10", *stopper, "stops the advance run between two rounded motions; use TRIGGER");
     stopper.reset();
@@ -350,6 +366,7 @@ std::vector<Check> lint(const ProgramText& text, const PostContext& context) {
       l.data(file);
     }
   }
+  if (l.analog != 0) f.add("G-05", text.files.front().name, "the spindle's speed is set at the end");
   if (!text.files.empty()) l.tools_are_checked(text.files.front().name);
   for (const ProgramFile& file : text.files) {
     if (!upper_of(file.name).ends_with(".SRC")) continue;

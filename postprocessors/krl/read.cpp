@@ -59,6 +59,7 @@ class Reader {
   std::string fdat_;
   bool is_in_spline_ = false;
   int spline_points_ = 0;
+  std::set<std::string> checked_;                   // machine values that the program waits for
   Line armed_at_;                                   // a trigger that waits for its motion
   std::vector<std::pair<Line, std::string>> at_end_of_next_;
 
@@ -435,9 +436,28 @@ class Reader {
     return it->second;
   }
 
+  /// A check of which controller this is: it must be the cell's.
+  void machine_check(const Line& line, const std::string& key, const std::string& text) {
+    const auto it = context_.cell.controller.options.find(key);
+    if (it == context_.cell.controller.options.end() || it->second != text)
+      fail(line, "read.check", "the program waits for a controller with \"" + text + "\", and the cell's (controller." + key + ") " + (it == context_.cell.controller.options.end() ? "is not given" : "is \"" + it->second + "\""));
+    checked_.insert(key);
+  }
   void wait(Scanner& s) {
     if (s.accept("SEC")) return build_.wait(s.line(), s.expect_number("the time"));
     s.expect("FOR");
+    if (s.accept("$KR_SERIALNO")) {
+      s.expect("="), s.expect("=");
+      return machine_check(s.line(), "krl.serial_number", std::to_string(s.expect_integer("the number", 1, 999999999)));
+    }
+    if (s.accept("StrFind")) {
+      for (const char* t : {"(", "1", ",", "$RCV_INFO", "[", "]", ",", "\""}) s.expect(t);
+      const std::string_view rest = s.rest();
+      const std::string text(rest.substr(0, std::min(rest.find('"'), rest.size())));
+      s = Scanner(s.line(), rest.substr(text.size()));
+      for (const char* t : {"\"", ",", "#NOT_CASE_SENS", ")"}) s.expect(t);
+      return machine_check(s.line(), "krl.kernel", text);
+    }
     do {  // a check of the machine's data: it must hold for the cell, or the program would wait for ever
       s.expect("ABS"), s.expect("(");
       const double a = reference(s);
@@ -586,6 +606,9 @@ class Reader {
 
   // ---------------------------------------------------------------- motions
   void joint(Scanner& s) {
+    for (const char* key : {"krl.serial_number", "krl.kernel"})
+      if (context_.cell.controller.options.count(key) && !checked_.count(key))
+        fail(s.line(), "read.check", std::string("a motion before the controller is checked (controller.") + key + ")");
     const Components c = value(s, "the position");
     std::array<double, 6> q{};
     const bool is_cartesian = c.count("X") > 0;

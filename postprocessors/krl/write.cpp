@@ -46,6 +46,7 @@ struct Machine {
   bool is_tool_literal = false; // krl.tool: data | literal
   bool is_sub = false;          // krl.delivery: main | sub
   int coolant = 0;              // krl.coolant: the output
+  std::string serial_number, kernel;  // krl.serial_number, krl.kernel: of the controller that the program is for
   std::map<Equipment, std::array<std::string, 2>> names;  // krl.arc, krl.weave, krl.recording, krl.tool_check: sub-programs of the controller
 };
 
@@ -161,6 +162,16 @@ void write_tool_check(Lines& out, const ToolSpec& tool) {
   out.add("  ;ENDFOLD (" + name + ")");
 }
 
+/// The program waits, with the condition on the pendant, on any other controller than the one it was made for.
+void write_controller_check(Lines& out, const Machine& machine) {
+  if (machine.serial_number.empty() && machine.kernel.empty()) return;
+  const std::string name = "WAITS WHILE THIS IS NOT THE CONTROLLER IT IS FOR";
+  out.add("  ;FOLD " + name);
+  if (!machine.serial_number.empty()) out.add("  WAIT FOR $KR_SERIALNO==" + machine.serial_number);
+  if (!machine.kernel.empty()) out.add("  WAIT FOR StrFind(1,$RCV_INFO[],\"" + machine.kernel + "\",#NOT_CASE_SENS)");
+  out.add("  ;ENDFOLD (" + name + ")");
+}
+
 void write_head(Lines& out, const std::string& name) {
   out.add("&ACCESS RVP");
   out.add("&REL 1");
@@ -233,7 +244,7 @@ void equip(Machine& machine, const Program& program, const PostContext& context,
 
 Result<ProgramText> write(const Program& program, const PostContext& context) {
   Refusals faults = check(program, context, {.name_length = 24, .speed_min_mm_s = 0.01, .speed_max_mm_s = 2000, .wait_max_s = 3600, .has_path_events = true});
-  check_options(context, "krl", {"version", "motion", "tool", "max_lines", "delivery", "cell", "coolant", "arc", "weave", "recording", "tool_check", "path", "arcs"}, faults);
+  check_options(context, "krl", {"version", "motion", "tool", "max_lines", "delivery", "cell", "coolant", "arc", "weave", "recording", "tool_check", "path", "arcs", "receipt", "serial_number", "kernel"}, faults);
   Machine machine;
   const auto choose = [&](const char* key, const char* usual, const char* other, bool& is_other) {
     const std::string value = option(context, key).value_or(usual);
@@ -245,6 +256,13 @@ Result<ProgramText> write(const Program& program, const PostContext& context) {
   choose("krl.motion", "classic", "spline", machine.is_spline);
   choose("krl.tool", "data", "literal", machine.is_tool_literal);
   choose("krl.delivery", "main", "sub", machine.is_sub);
+  machine.serial_number = option(context, "krl.serial_number").value_or("");
+  machine.kernel = option(context, "krl.kernel").value_or("");
+  if (!machine.serial_number.empty() && (machine.serial_number.size() > 9 || machine.serial_number.find_first_not_of("0123456789") != std::string::npos || machine.serial_number[0] == '0'))
+    faults.push_back(fault("post.option", "cell.yaml: controller.krl.serial_number", "\"" + machine.serial_number + "\" is no number of a controller ($KR_SERIALNO)"));
+  const auto is_plain = [](char c) { return (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '.' || c == ' ' || c == '-' || c == '_'; };
+  if (!machine.kernel.empty() && (machine.kernel.size() > 40 || !std::all_of(machine.kernel.begin(), machine.kernel.end(), is_plain)))
+    faults.push_back(fault("post.option", "cell.yaml: controller.krl.kernel", "\"" + machine.kernel + "\" is no part of the controller's own version text ($RCV_INFO)"));
   equip(machine, program, context, faults);
   if (machine.is_krc2)
     for (std::size_t i = 0; i < program.instructions.size(); ++i) {
@@ -285,6 +303,7 @@ Result<ProgramText> write(const Program& program, const PostContext& context) {
   write_head(w.out, program.name);
   for (const std::string& h : program.header) add_comment(w.out, h);
   write_start(w.out, machine);
+  write_controller_check(w.out, machine);
   if (machine.is_tool_literal) tools.clear();  // no data of the controller to check
   for (const ToolSpec* t : tools) write_tool_check(w.out, *t);
   w.out.add("  ;FOLD PROGRAM");

@@ -189,7 +189,7 @@ void take_codes(Machine& machine, const PostContext& context, const std::string&
 
 Result<ProgramText> write(const Program& program, const PostContext& context) {
   Refusals faults = check(program, context, {.name_length = 60, .speed_min_mm_s = 0.01, .speed_max_mm_s = 3000, .wait_min_s = 0.001, .wait_max_s = 3600});
-  check_options(context, "nci", {"orientation", "kinematics", "wrap", "output.", "coolant", "arc.", "weave.", "recording", "tool_check.", "path", "arcs"}, faults);
+  check_options(context, "nci", {"orientation", "kinematics", "wrap", "output.", "coolant", "arc.", "weave.", "recording", "tool_check.", "path", "arcs", "receipt"}, faults);
   Machine machine;
   bool has_path = false;
   for (const Instruction& i : program.instructions) {

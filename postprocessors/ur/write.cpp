@@ -99,7 +99,7 @@ double acceleration(const PostContext& context, const char* key, const char* ask
 
 Result<ProgramText> write(const Program& program, const PostContext& context) {
   Refusals faults = check(program, context, {.name_length = 60, .speed_min_mm_s = 0.01, .speed_max_mm_s = 3000, .wait_min_s = 0.001, .wait_max_s = 3600});
-  check_options(context, "ur", {"acceleration", "joint_acceleration", "path", "arcs"}, faults);
+  check_options(context, "ur", {"acceleration", "joint_acceleration", "path", "arcs", "receipt"}, faults);
   Machine machine;
   machine.path_m_s2 = acceleration(context, "ur.acceleration", "every straight motion names its acceleration; give it in m/s2", 15, faults);
   machine.joint_rad_s2 = acceleration(context, "ur.joint_acceleration", "every joint motion names its acceleration; give it in rad/s2", 40, faults);

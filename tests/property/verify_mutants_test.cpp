@@ -132,7 +132,7 @@ TEST(VerifyMutants, every_one_is_refused) {
     for (int kind = 0; kind <= 20; ++kind) {
       const Mutant m = mutate(item.program, kind, random);
       ++total;
-      const bool is_same = compare_programs(item.program, m.program, 0.001, rad_from_deg(0.0001), 0.1).is_ok();
+      const bool is_same = compare_programs(item.program, m.program, {.speed_mm_s = 0.1}).is_ok();
       EXPECT_FALSE(is_same) << m.what;
       if (!m.is_seen_by_replay) continue;
       const Verdict v = verify_item(item.world.job, item.world.location, item.world.features, item.world.burrs, item.path, m.program);

@@ -1,12 +1,16 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The programs of whole items, every single-token change of them, and who objects: the reader, the rules, the comparison with the plan,
-// the replay of the item. Header only: tests and the study build it with their own item.
+// Single-token changes of programs, and who objects: the reader, the rules, the comparison with the plan, the replay of the item. What nobody
+// objects to is told by what it does: it moves the robot within the rounding that the plan allows, or nothing at all.
+// Header only: tests and studies build it with their own programs.
 #pragma once
 
+#include <functional>
 #include <map>
+#include <stdexcept>
 
+#include "planner/base/archive.hpp"
+#include "planner/pipeline/posted.hpp"
 #include "planner/verify/verify.hpp"
-#include "postprocessors/rounding.hpp"
 #include "tests/support/post_programs.hpp"
 #include "tests/support/text_mutants.hpp"
 #include "tests/unit/verify/item.hpp"
@@ -33,70 +37,115 @@ inline PostContext item_context(const testing::Item& item) {
   return c;
 }
 
+/// One program to be changed: its text, what it was planned to say, and the replay that judges it (none: every program passes).
+struct MutantSubject {
+  std::string name;
+  const Post* post = nullptr;
+  PostContext context;
+  ProgramText text;
+  Program planned;
+  std::function<bool(const Program&)> is_replayed_ok;
+};
+
+inline MutantSubject subject_of(const testing::Item& item, const Post& post) {
+  MutantSubject s{item.program.name, &post, item_context(item), {}, item.program, {}};
+  const auto text = post.write(item.program, s.context);
+  if (!text) throw std::runtime_error(text_of(text.error()));
+  s.text = *text;
+  auto world = item.world;
+  world.job.cell.tools = s.context.cell.tools;
+  s.is_replayed_ok = [world, path = item.path](const Program& p) { return verify_item(world.job, world.location, world.features, world.burrs, path, p).is_ok(); };
+  return s;
+}
+
 struct MutantCount {
-  int programs = 0, mutants = 0, by_reader = 0, by_rules = 0, by_comparison = 0, by_replay_alone = 0, by_replay_too = 0, replayed = 0;
+  int programs = 0, tokens = 0, mutants = 0, by_reader = 0, by_rules = 0, by_comparison = 0, by_replay_alone = 0, by_replay_too = 0, replayed = 0;
+  int within_rounding = 0;                     // survivors that move the robot, within half the last digit of the plan
   std::map<std::string, int> harmless;         // survivors by class
+  std::map<std::string, std::string> example;
   std::vector<std::string> unexplained;
   int survivors() const { return mutants - by_reader - by_rules - by_comparison - by_replay_alone; }
 };
 
-/// One change for every token (`every` = 1) or for every n-th. The replay is asked about every mutant that reads and that no rule names.
-inline void count_mutants(MutantCount& count, const testing::Item& item, const Post& post, int seed, std::size_t every, int replays_at_most) {
-  const PostContext context = item_context(item);
-  testing::World world = item.world;
-  world.job.cell.tools = context.cell.tools;
-  const auto text = post.write(item.program, context);
-  if (!text) throw std::runtime_error(text_of(text.error()));
-  double joint_step = 0;
-  for (double step : post.joint_step_rad(context)) joint_step = std::max(joint_step, step);
+struct MutantChoice {
+  std::size_t every = 1;        // 1: every token, n: every n-th
+  bool is_all_kinds = false;    // every kind of change of a token, or one drawn at random
+  int replays_at_most = 0;      // of mutants that the comparison names anyway; every survivor is replayed
+};
+
+inline void count_mutants(MutantCount& count, const MutantSubject& subject, int seed, const MutantChoice& choice) {
+  const Post& post = *subject.post;
+  const auto original = post.read(subject.text, subject.context);
+  if (!original) throw std::runtime_error(subject.name + ": " + text_of(original.error()));
+  const std::string original_bytes = to_bytes(*original);
+  const PrintedSteps steps = printed_steps(post, subject.context);
+  for (const Check& c : compare_programs(subject.planned, *original, steps).checks)
+    if (!c.is_passed) throw std::runtime_error(subject.name + ": not what was planned: " + c.name + " " + c.where);
   Random random = Random::stream(seed, "text mutants");
   ++count.programs;
-  std::size_t n = random.below(every);
-  for (const TextToken& t : tokens_of(*text)) {
-    if (n++ % every != 0) continue;
-    const std::string token = text->files[t.file].bytes.substr(t.begin, t.end - t.begin);
-    const auto changes = changes_of(token, random);
-    const std::string& change = changes[random.below(changes.size())];
-    ProgramText mutant = *text;
-    mutant.files[t.file].bytes.replace(t.begin, t.end - t.begin, change);
-    ++count.mutants;
-    const auto back = post.read(mutant, context);
-    if (!back) {
-      ++count.by_reader;
-      continue;
+  const auto tokens = tokens_of(subject.text);
+  std::vector<std::string> pool;
+  for (const TextToken& t : tokens) pool.push_back(subject.text.files[t.file].bytes.substr(t.begin, t.end - t.begin));
+  std::size_t n = random.below(choice.every);
+  for (std::size_t k = 0; k < tokens.size(); ++k) {
+    if (n++ % choice.every != 0) continue;
+    ++count.tokens;
+    const TextToken& t = tokens[k];
+    const std::string& token = pool[k];
+    std::vector<std::string> changes = choice.is_all_kinds ? every_change_of(token, pool, random) : changes_of(token, random);
+    if (!choice.is_all_kinds) changes = {changes[random.below(changes.size())]};
+    for (const std::string& change : changes) {
+      ProgramText mutant = subject.text;
+      mutant.files[t.file].bytes.replace(t.begin, t.end - t.begin, change);
+      ++count.mutants;
+      const auto back = post.read(mutant, subject.context);
+      if (!back) {
+        ++count.by_reader;
+        continue;
+      }
+      bool is_linted = false;
+      for (const Check& c : post.lint(mutant, subject.context)) is_linted |= !c.is_passed;
+      if (is_linted) {
+        ++count.by_rules;
+        continue;
+      }
+      const bool is_same = compare_programs(subject.planned, *back, steps).is_ok();
+      bool is_replayed_ok = true;
+      if (subject.is_replayed_ok && (count.replayed < choice.replays_at_most || is_same)) {
+        ++count.replayed;
+        is_replayed_ok = subject.is_replayed_ok(*back);
+      }
+      if (!is_same) {
+        ++count.by_comparison;
+        count.by_replay_too += !is_replayed_ok;
+        continue;
+      }
+      if (!is_replayed_ok) {
+        ++count.by_replay_alone;
+        continue;
+      }
+      const std::string language(name_of(post.language)), before = line_around(subject.text.files[t.file].bytes, t.begin);
+      const std::string now = language + ": " + before + "  ->  " + line_around(mutant.files[t.file].bytes, t.begin);
+      const bool says_the_same = to_bytes(*back) == original_bytes;
+      count.within_rounding += !says_the_same;
+      std::string why = harmless(post.language, before, token, change);
+      if (why.empty() && !says_the_same) why = "within half the last digit of the plan";
+      if (why.empty()) {
+        count.unexplained.push_back(subject.name + " " + now);
+        continue;
+      }
+      why = language + ": " + (says_the_same ? "says the same: " : "moves within rounding: ") + why;
+      if (count.harmless[why]++ == 0) count.example[why] = now;
     }
-    bool is_linted = false;
-    for (const Check& c : post.lint(mutant, context)) is_linted |= !c.is_passed;
-    if (is_linted) {
-      ++count.by_rules;
-      continue;
-    }
-    const bool is_same = compare_programs(item.program, *back, post.position_step_mm, post.angle_step_rad, post.speed_step_mm_s, joint_step, keeps_rounding(post, context) ? post.blend_step_mm : 0).is_ok();
-    bool is_replayed_ok = true;
-    if (count.replayed < replays_at_most || is_same) {
-      ++count.replayed;
-      is_replayed_ok = verify_item(world.job, world.location, world.features, world.burrs, item.path, *back).is_ok();
-    }
-    if (!is_same) {
-      ++count.by_comparison;
-      count.by_replay_too += !is_replayed_ok;
-      continue;
-    }
-    if (!is_replayed_ok) {
-      ++count.by_replay_alone;
-      continue;
-    }
-    const std::string before = line_around(text->files[t.file].bytes, t.begin), why = harmless(post.language, before, token, change);
-    if (!why.empty()) ++count.harmless[std::string(name_of(post.language)) + ": " + why];
-    else count.unexplained.push_back(std::string(name_of(post.language)) + ": " + before + "  ->  " + line_around(mutant.files[t.file].bytes, t.begin));
   }
 }
 
 inline void print(const MutantCount& c) {
-  std::printf("%d programs, %d mutants: reader %d, rules %d, comparison %d, replay alone %d; survive %d, caught %.3f %%\n", c.programs, c.mutants, c.by_reader,
-              c.by_rules, c.by_comparison, c.by_replay_alone, c.survivors(), 100.0 * (c.mutants - c.survivors()) / std::max(1, c.mutants));
-  std::printf("of %d replayed as items the replay by itself refuses %d\n", c.replayed, c.by_replay_too + c.by_replay_alone);
-  for (const auto& [why, n] : c.harmless) std::printf("  %5d %s\n", n, why.c_str());
+  std::printf("%d programs, %d tokens, %d mutants: reader %d, rules %d, comparison %d, replay alone %d; survive %d, caught %.3f %%\n", c.programs, c.tokens, c.mutants,
+              c.by_reader, c.by_rules, c.by_comparison, c.by_replay_alone, c.survivors(), 100.0 * (c.mutants - c.survivors()) / std::max(1, c.mutants));
+  std::printf("of %d replayed as items the replay by itself refuses %d; %d survivors move the robot, none by more than half the last digit\n", c.replayed,
+              c.by_replay_too + c.by_replay_alone, c.within_rounding);
+  for (const auto& [why, n] : c.harmless) std::printf("  %5d %s\n        %s\n", n, why.c_str(), c.example.at(why).c_str());
   for (const std::string& s : c.unexplained) std::printf("  not explained: %s\n", s.c_str());
 }
 

@@ -45,6 +45,11 @@ std::string harmless(Language language, const std::string& line, const std::stri
   if (changed == token + " " + token || changed.empty()) {
     if (token == "\n" && (has(";"))) return "a blank line, or none, beside a remark";
   }
+  const auto capitals = [](std::string t) {
+    for (char& c : t) c = static_cast<char>(c >= 'a' && c <= 'z' ? c - 'a' + 'A' : c);
+    return t;
+  };
+  if (language == Language::krl && capitals(token) == capitals(changed)) return "another letter case, which KRL does not tell apart";
   const bool is_fold = lead.starts_with(";FOLD") || lead.starts_with(";ENDFOLD");
   if (!is_fold && (lead.starts_with(";") || lead.starts_with("'") || lead.starts_with("(") || lead.starts_with("#")) && language != Language::beckhoff) return "the text of a remark";
   if (language == Language::beckhoff && lead.starts_with(";")) return "the text of a remark";
@@ -87,6 +92,7 @@ std::string harmless(Language language, const std::string& line, const std::stri
     if (token.starts_with("G01") || token.starts_with("G17") || token.starts_with("G03") || token.starts_with("G02")) return "the word is in force already";
     if (token == "\n") return "an empty line";
   }
+  if ((language == Language::beckhoff || language == Language::nci) && token[0] == 'F' && changed[0] != 'F') return "the feed is in force already";
   if (language == Language::beckhoff) {
     if (has("#CONTOUR") || has("#CS") || has("#TRAFO") || has("#KIN") || has(" T") || has("M05") || has("G94") || has("M03")) return "a state that is set already";
     if (lead.starts_with("N")) {
@@ -131,6 +137,41 @@ std::vector<std::string> changes_of(const std::string& token, Random& random) {
     if (other != token) changes.push_back(other);
   }
   return changes;
+}
+
+std::vector<std::string> every_change_of(const std::string& token, const std::vector<std::string>& pool, Random& random) {
+  std::vector<std::string> out = changes_of(token, random);
+  std::vector<std::size_t> digits;
+  for (std::size_t i = 0; i < token.size(); ++i)
+    if (token[i] >= '0' && token[i] <= '9') digits.push_back(i);
+  const auto step = [&](std::size_t i, int by) {
+    std::string s = token;
+    s[i] = static_cast<char>('0' + (s[i] - '0' + 10 + by) % 10);
+    out.push_back(s);
+  };
+  if (!digits.empty()) step(digits.back(), 1), step(digits.back(), -1), step(digits.front(), 1);
+  if (const std::size_t dot = token.find('.'); dot != std::string::npos && dot > 0 && dot + 1 < token.size()) {
+    std::string up = token, down = token;
+    std::swap(up[dot], up[dot + 1]), std::swap(down[dot], down[dot - 1]);
+    out.push_back(up), out.push_back(down);
+  }
+  if (token[0] >= 'A' && token[0] <= 'Z' && token.size() > 1) {  // a word with its number: X-37.914
+    std::string s = token;
+    if (s[1] == '-') s.erase(1, 1);
+    else if (s[1] >= '0' && s[1] <= '9') s = s.substr(0, 1) + "-" + s.substr(1);
+    out.push_back(s);
+  }
+  // other tokens of the program: of the same kind, and any
+  const auto kind = [](const std::string& t) { return t[0] >= '0' && t[0] <= '9' ? 0 : t[0] == '-' ? 0 : is_word(t[0]) ? 1 : 2; };
+  for (int k = 0, taken = 0; k < 40 && taken < 3; ++k) {
+    const std::string& other = pool[random.below(pool.size())];
+    if (other == token || other == "\n" || (taken < 2 && kind(other) != kind(token))) continue;
+    out.push_back(other), ++taken;
+  }
+  std::sort(out.begin(), out.end());
+  out.erase(std::unique(out.begin(), out.end()), out.end());
+  out.erase(std::remove(out.begin(), out.end(), token), out.end());
+  return out;
 }
 
 }  // namespace asbuilt::support

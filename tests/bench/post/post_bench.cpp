@@ -7,8 +7,7 @@
 #include <cstdio>
 #include <ctime>
 
-#include "planner/verify/verify.hpp"
-#include "postprocessors/rounding.hpp"
+#include "planner/pipeline/posted.hpp"
 #include "tests/support/post_programs.hpp"
 
 namespace {
@@ -42,9 +41,7 @@ int main() {
     if (!text) return std::printf("%s", support::text_of(text.error()).c_str()), 1;
     const double read = seconds([&] { back = post.read(*text, context); });
     if (!back) return std::printf("%s", support::text_of(back.error()).c_str()), 1;
-    double step = 0;
-    for (double s : post.joint_step_rad(context)) step = std::max(step, s);
-    const double compare = seconds([&] { same = compare_programs(p, *back, post.position_step_mm, post.angle_step_rad, post.speed_step_mm_s, step, keeps_rounding(post, context) ? post.blend_step_mm : 0); });
+    const double compare = seconds([&] { same = compare_programs(p, *back, printed_steps(post, context)); });
     double lint = seconds([&] {
       for (const Check& c : post.lint(*text, context))
         if (!c.is_passed) std::printf("%s %s\n", c.name.c_str(), c.where.c_str());

@@ -16,7 +16,7 @@ int main(int argc, char** argv) {
   for (int k = 0; k < programs; ++k) {
     const auto& table = posts();
     const Post& post = table[static_cast<std::size_t>(k) % 3];  // KRL, INFORM, Beckhoff CNC in turn
-    support::count_mutants(count, support::numbered_item(1 + k / 3), post, k, every, replays * (k + 1) / programs);
+    support::count_mutants(count, support::subject_of(support::numbered_item(1 + k / 3), post), k, {.every = every, .replays_at_most = replays * (k + 1) / programs});
     std::fprintf(stderr, "%d of %d\n", k + 1, programs);
   }
   support::print(count);

@@ -154,35 +154,36 @@ TEST(Verify, sees_a_feed_too_high_for_the_burr) {
 
 TEST(Compare, equal_programs_are_equal_and_every_change_is_named) {
   const Item item = box_item();
-  const double step = 0.001, angle = rad_from_deg(0.0001), speed = 0.1;
-  EXPECT_TRUE(compare_programs(item.program, item.program, step, angle, speed).is_ok());
+  const PrintedSteps steps{.speed_mm_s = 0.1};
+  EXPECT_TRUE(compare_programs(item.program, item.program, steps).is_ok());
   Program noisy = item.program;
   for (Instruction& i : noisy.instructions)
     if (auto* m = std::get_if<MoveLinear>(&i)) m->T_base_tool.p_mm.x() += 0.0004, m->is_exact = true;
-  EXPECT_TRUE(compare_programs(item.program, noisy, step, angle, speed).is_ok());
+  EXPECT_TRUE(compare_programs(item.program, noisy, steps).is_ok());
   Program in_base = item.program;  // a dialect that writes its points in base, and says so late
   std::swap(in_base.instructions[1], in_base.instructions[2]);
   std::get<SetFrame>(in_base.instructions[2]).T_base_work = {};
-  EXPECT_TRUE(compare_programs(item.program, in_base, step, angle, speed).is_ok());
+  EXPECT_TRUE(compare_programs(item.program, in_base, steps).is_ok());
   EXPECT_TRUE(verify_item(item.world.job, item.world.location, item.world.features, item.world.burrs, item.path, in_base).is_ok());
   const auto check = [&](const std::string& name, auto&& change) {
     Program p = item.program;
     change(p);
-    EXPECT_TRUE(fails(compare_programs(item.program, p, step, angle, speed), name)) << name;
+    EXPECT_TRUE(fails(compare_programs(item.program, p, steps), name)) << name;
   };
   check("compare.count", [](Program& p) { erase_first<Wait>(p); });
   check("compare.order", [](Program& p) { std::swap(p.instructions[0], p.instructions[2]); });
   check("compare.position", [](Program& p) { nth<SetFrame>(p, 0).T_base_work.p_mm.x() += 0.002; });
   check("compare.position", [](Program& p) { nth<MoveLinear>(p, 5).T_base_tool.p_mm.z() += 0.002; });
+  check("compare.coordinate", [](Program& p) { nth<MoveLinear>(p, 5).T_base_tool.p_mm += nth<SetFrame>(p, 0).T_base_work.q * Vec3(0, 0.0007, 0); });
   check("compare.orientation", [](Program& p) {
     auto& T = nth<MoveLinear>(p, 5).T_base_tool;
     T.q = T.q * quat_exp(Vec3(0, 0, 1e-5));
   });
-  check("compare.joints", [](Program& p) { nth<MoveJoint>(p, 1).q_rad[2] += 1e-4; });
+  check("compare.joints", [](Program& p) { nth<MoveJoint>(p, 1).q_rad[2] += 1e-5; });
   check("compare.speed", [](Program& p) { nth<MoveLinear>(p, 5).speed_mm_s += 0.1; });
   check("compare.joint_speed", [](Program& p) { nth<MoveJoint>(p, 1).speed_ratio += 0.01; });
-  check("compare.spindle", [](Program& p) { nth<SpindleOn>(p, 0).rpm += 100; });
-  check("compare.wait", [](Program& p) { nth<Wait>(p, 0).time_s += 0.1; });
+  check("compare.spindle", [](Program& p) { nth<SpindleOn>(p, 0).rpm += 1; });
+  check("compare.wait", [](Program& p) { nth<Wait>(p, 0).time_s += 0.006; });
   check("compare.events", [](Program& p) { nth<SetTool>(p, 0).number = 2; });
   check("compare.blend", [](Program& p) { nth<MoveLinear>(p, 0).is_exact = false, nth<MoveLinear>(p, 0).blend_mm = 1; });
 }
