@@ -138,6 +138,9 @@ void numbers_rule(Findings& f, const reading::Line& line, std::string_view code)
       std::string w(code.substr(i, j - i));
       for (char& c : w) c = static_cast<char>(c >= 'A' && c <= 'Z' ? c - 'A' + 'a' : c);
       if (w == "nan" || w == "inf" || w == "infinity") f.add("G-02", line, "\"" + w + "\"");
+      std::size_t digits = j;
+      while (digits > i && is_digit(code[digits - 1])) --digits;
+      if (j < code.size() && code[j] == '.' && j - digits > 1 && code[digits] == '0') f.add("G-02", line, "a number with a zero before its first digit");
       i = j;
       if (i < code.size() && is_digit(code[i - 1]) && code[i] == '.') ++i;  // X10.5: the word held the digits
       continue;

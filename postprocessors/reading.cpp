@@ -100,6 +100,7 @@ int Scanner::expect_integer(std::string_view what, int lo, int hi) {
   const double v = expect_number(what);
   const std::string_view token = text_.substr(first, at_ - first);
   if (token.find_first_of(".eE") != std::string_view::npos) fail(line_, "read.range", std::string(what) + " is a whole number, written without a point", v, hi);
+  if (v == 0 && token.front() == '-') fail(line_, "read.range", std::string(what) + " is 0, written without a sign", v, hi);
   if (v != std::floor(v) || v < lo || v > hi)
     fail(line_, "read.range", std::string(what) + " is no whole number from " + std::to_string(lo) + " to " + std::to_string(hi), v, hi);
   return static_cast<int>(v);

@@ -35,7 +35,7 @@ inline PrintedSteps printed_steps(const Post& post, const PostContext& context) 
                         (post.language == Language::nci && context.cell.controller.options.count("nci.orientation") && context.cell.controller.options.at("nci.orientation") == "euler");
   return {post.position_step_mm, post.angle_step_rad, post.speed_step_mm_s, post.joint_step_rad(context), post.joint_speed_step_ratio,
           std::max(1.0, post.spindle_step_ratio * max_rpm), post.time_step_s,
-          post.language == Language::ur ? PrintedSteps::Angles::vector : is_euler ? PrintedSteps::Angles::turns_zyz : PrintedSteps::Angles::turns_zyx, keeps_rounding(post, context) ? post.blend_step_mm : 0};
+          post.language == Language::ur ? PrintedSteps::Angles::vector : is_euler ? PrintedSteps::Angles::turns_zyz : PrintedSteps::Angles::turns_zyx, post.arcs == Post::Arcs::anywhere, keeps_rounding(post, context) ? post.blend_step_mm : 0};
 }
 /// The program as the dialect can say it: outputs on the path become points where it has none, and where the cell asks for it straight moves
 /// become arcs or splines. What is written and what is read back is compared with this. Refuses post.option.

@@ -85,7 +85,8 @@ void compare_one(Worst& w, const Instruction& a, const Instruction& b, int i, co
   } else if (const auto* x = std::get_if<MoveCircular>(&a)) {
     const auto& y = std::get<MoveCircular>(b);
     compare_point(w, x->T_base_tool, y.T_base_tool, q_printed, steps, i);
-    raise(w.arc_mm, w.arc_at, off_arc_mm(p_before, x->T_base_via.p_mm, x->T_base_tool.p_mm, y.T_base_via.p_mm), i);
+    if (steps.is_via_printed) compare_point(w, x->T_base_via, y.T_base_via, q_printed, steps, i);
+    else raise(w.arc_mm, w.arc_at, off_arc_mm(p_before, x->T_base_via.p_mm, x->T_base_tool.p_mm, y.T_base_via.p_mm), i);
     raise(w.speed_mm_s, w.speed_at, std::abs(x->speed_mm_s - y.speed_mm_s), i);
     compare_blend(w, x->is_exact, x->blend_mm, y.is_exact, y.blend_mm, i);
   } else if (const auto* x = std::get_if<MoveSpline>(&a)) {

@@ -30,6 +30,7 @@ struct PrintedSteps {
   JointVector joint_rad{};
   double joint_speed_ratio = 0.01, spindle_rpm = 1, time_s = 0.01;
   enum class Angles { turns_zyx, turns_zyz, vector } angles = Angles::turns_zyx;  // what the printed angles are
+  bool is_via_printed = true;   // of an arc; where its centre is, any point of the arc stands for it
   double blend_mm = 0;          // of a rounding distance; 0: the dialect may round less than planned, never more
 };
 

@@ -54,7 +54,7 @@ struct Linter {
     return it != context.cell.controller.options.end() && it->second == "sub";
   }
   bool is_in_sub = false, has_code = false, has_motion = false, has_m30 = false;
-  bool is_trafo = false, is_cs = false, is_mcs = false, is_hsc = false, is_ptp = false, is_trafo_said = false, is_cs_said = false, is_spinning = false, has_speed = false;
+  bool is_trafo = false, is_cs = false, is_mcs = false, is_hsc = false, is_ptp = false, has_kinematic = false, is_trafo_said = false, is_cs_said = false, is_spinning = false, has_speed = false;
   std::set<int> head;
   double last_number = -1, step = 0;
   bool has_unnumbered = false;
@@ -153,6 +153,7 @@ struct Linter {
       if (find(t, "OFF") != std::string::npos && is_cs) f.add("B-03", line, "#TRAFO OFF inside #CS");
       on_off(line, t, is_trafo, "#TRAFO");
       is_trafo_said = true;
+      if (is_trafo && !has_kinematic && context.cell.controller.kinematic_id) f.add("B-04", line, "#TRAFO ON without #KIN ID: the channel's own choice may be another");
       has_feed = false;
       now.clear();
     } else if (name == "#CS") {
@@ -172,8 +173,9 @@ struct Linter {
         f.add("B-03", line, "#HSC with a deviation that is not the machine file's");
     } else if (name == "#PTP") {
       on_off(line, t, is_ptp, "#PTP");
-    } else if (name == "#KIN" && is_trafo) {
-      f.add("B-03", line, "#KIN ID while the transformation is on");
+    } else if (name == "#KIN") {
+      has_kinematic = true;
+      if (is_trafo) f.add("B-03", line, "#KIN ID while the transformation is on");
     }
   }
 

@@ -65,7 +65,7 @@ struct Linter {
   void head_line(const Line& line, const std::vector<Token>& t, int& access, int& release) {
     static const std::set<std::string> rights = {"R", "RV", "RVP", "RVO", "RVO1", "RO", "RVP1", "RVO2"};
     const bool is_access = t.size() == 3 && t[1].is("ACCESS") && rights.count(t[2].text);
-    const bool is_release = t.size() == 3 && t[1].is("REL") && t[2].kind == Token::Kind::number && t[2].value >= 1;
+    const bool is_release = t.size() == 3 && t[1].is("REL") && t[2].kind == Token::Kind::number && t[2].value >= 1 && t[2].value == std::floor(t[2].value);
     access += is_access, release += is_release;
     if (!is_access && !is_release && !(t.size() > 1 && (t[1].is("COMMENT") || t[1].is("PARAM")))) f.add("K-02", line, "an unknown line with &");
   }

@@ -59,6 +59,9 @@ std::string harmless(Language language, const std::string& line, const std::stri
   if (language == Language::krl) {
     if (lead.starts_with(";FOLD") || lead.starts_with(";ENDFOLD")) return "what a fold is called on the pendant";
     if (lead.starts_with("&")) return "a line the controller rewrites";
+    if (has("PRIO=")) return "another priority that is free";
+    if (token == "DECL" && has("FRAME")) return "DECL, which may be left out before a type that KRL knows";
+    if (token[0] >= '0' && token[0] <= '9' && changed[0] >= '0' && changed[0] <= '9' && std::atof(token.c_str()) == std::atof(changed.c_str())) return "a number written with other decimals";
     if (has("$ADVANCE")) return "advance within its range";
     if (has("$ORI_TYPE")) return "another orientation rule: replayed under every rule";
     if (has("WAIT FOR")) return "a check of the machine's data that holds all the same";

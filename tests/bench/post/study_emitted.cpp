@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Programs that `asbuilt batch` emitted, every token changed in every way, through reading, rules, comparison with the plan, replay of the item.
 //
-//   study_emitted EVERY [BATCH.yaml OUT]..     EVERY 1: each token. OUT: what `asbuilt batch BATCH.yaml --out OUT --post krl,inform,beckhoff` wrote
+//   study_emitted EVERY JOBS [BATCH.yaml OUT]..     EVERY 1: each token. JOBS: welding, scanning, relative jobs, splines, drawn at random (no item).
+//                                               OUT: what `asbuilt batch BATCH.yaml --out OUT --post krl,inform,beckhoff` wrote
 //
 // The plan comes from OUT/store (or is made anew); the text written from it has to be the emitted files byte for byte.
 #include <cstdio>
@@ -26,11 +27,21 @@ std::string code_tag() {
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc < 4 || argc % 2 != 0) return std::fprintf(stderr, "usage: study_emitted EVERY [BATCH.yaml OUT]..\n"), 2;
+  if (argc < 3 || argc % 2 != 1) return std::fprintf(stderr, "usage: study_emitted EVERY JOBS [BATCH.yaml OUT]..\n"), 2;
   const std::size_t every = static_cast<std::size_t>(std::max(1, std::atoi(argv[1])));
   support::MutantCount count;
   int seed = 0;
-  for (int a = 2; a + 1 < argc; a += 2) {
+  for (int k = 0; k < std::atoi(argv[2]); ++k) {
+    const Post& post = posts()[static_cast<std::size_t>(k) % 3];
+    support::MutantSubject s{"job " + std::to_string(k + 1), &post, support::post_context(), {}, {}, {}};
+    if (k / 3 % 2 == 0) s.context.cell.controller.options["inform.relative"] = "yes", s.context.cell.controller.options["inform.user_frame"] = "5";
+    s.planned = support::random_program(static_cast<std::uint64_t>(500 + k), support::mix_for(post, {.sections = 2, .points = 15, .has_new_frames = false, .has_splines = k / 3 % 2 != 0, .has_triggers = true}));
+    const auto text = post.write(s.planned, s.context);
+    if (!text) return std::fprintf(stderr, "%s\n", support::text_of(text.error()).c_str()), 1;
+    s.text = *text;
+    support::count_mutants(count, s, ++seed, {.every = every, .is_all_kinds = true});
+  }
+  for (int a = 3; a + 1 < argc; a += 2) {
     ItemOptions options;
     options.out = argv[a + 1];
     options.inputs.today = today_iso();

@@ -131,9 +131,12 @@ const Edit kEdits[] = {
     {Language::inform, "I-17", "///DATE 2026/11/22", "///DATE 2026/11/23"},
 
     {Language::beckhoff, "G-02", "Y0.000", "Y.000"},
+    {Language::beckhoff, "G-02", "Y0.000", "Y00.000"},
+    {Language::krl, "K-02", "&REL 1", "&REL 1.5"},
     {Language::beckhoff, "B-01", "G90 G71 G94 G17", "%SECOND\r\nG90 G71 G94 G17"},
     {Language::beckhoff, "B-04", "#TRAFO OFF", ";"},
     {Language::beckhoff, "B-04", "#CS OFF ALL", ";"},
+    {Language::beckhoff, "B-04", "#KIN ID [45]", ";"},
     {Language::beckhoff, "B-14", " G53", ""},
     {Language::beckhoff, "B-14", " G40", ""},
     {Language::beckhoff, "B-14", " G162", ""},

@@ -227,6 +227,8 @@ const Bad kBad[] = {
     {Language::krl, "read.tool", "$TOOL=TOOL_DATA[1]", "$TOOL={X 0.0,Y 0.0,Z 0.0,A 0.0,B 0.0,C 0.0}"},
     {Language::krl, "read.undefined", "  ;FOLD PROGRAM", "  $BASE=BASE_DATA[3]"},
     {Language::krl, "read.undefined", "  ;FOLD PROGRAM", "  LIN XP9"},
+    {Language::krl, "read.load", "$TOOL=TOOL_DATA[1]", "$TOOL=TOOL_DATA[1]\r\n  $LOAD=LOAD_DATA[2]"},
+    {Language::krl, "read.load", "  ;FOLD PROGRAM", "  $LOAD=LOAD_DATA[1]"},
     {Language::krl, "read.undefined", "  BAS (#VEL_PTP,30)\r\n", ""},
     {Language::krl, "read.order", "  ;FOLD PROGRAM", "  $VEL.CP=0.1\r\n  LIN {X 1,Y 1,Z 1,A 1,B 1,C 1}"},
     {Language::krl, "read.ptp_cartesian", "  PTP {A1", "  PTP {X 1,Y 1,Z 1,A 1,B 1,C 1}\r\n  PTP {A1"},
