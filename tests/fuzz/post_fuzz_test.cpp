@@ -64,24 +64,34 @@ TEST(PostFuzz, readers_and_rules_take_any_bytes) {
       if (asked && n % 100 == 0 && std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() > seconds) break;
       PostContext small = context;
       if (n % 3 == 0) small.cell.controller.options["krl.max_lines"] = small.cell.controller.options["inform.max_lines"] = "50";
-      const auto text = post.write(random_program(1 + n % 40, mix_for(post, {.sections = 2, .points = 6, .has_triggers = true})), small);
+      PostContext given = context;
+      if (n % 5 == 1)  // with what is checked on the machine
+        for (PostContext* c : {&small, &given})
+          for (const auto& [key, value] : {std::pair{"krl.serial_number", "860123"}, {"krl.kernel", "V8.3"}, {"beckhoff.tool_data", "0 1 2 5 4 3"}}) c->cell.controller.options[key] = value;
+      Program p = random_program(1 + n % 40, mix_for(post, {.sections = 2, .points = 6, .has_triggers = true}));
+      if (n % 2 == 0)  // and stated in the header
+        p.header.insert(p.header.end(), {"tool 1 cone-90: 12.346 -7.654 350.111 mm, ZYX 17.1887 -11.4592 5.7296 deg", "frame part: 1000.000 200.000 500.500 mm, ZYX 40.0000 2.0000 0.0000 deg",
+                                         "controller " + std::string(name_of(post.language)) + ": KRC4, V in mm/s, A B C by cba, kinematic 45", "not run on a controller"});
+      const auto text = post.write(p, small);
       ASSERT_TRUE(text);
       ProgramText t = *text;
+      if (post.language == Language::inform && n % 3 == 1)
+        t.files.push_back({"TOOL.CND", "//TOOL 1\r\n///NAME CONE\r\n12.346,-7.654,350.111,5.7296,-11.4592,17.1887\r\n0.000,0.000,120.000\r\n12.500\r\n0.000,0.000,0.000\r\n"});
       ProgramFile& f = t.files[r.below(t.files.size())];
       f.bytes = mutated(f.bytes, t.files[0].bytes, r);
       if (r.below(50) == 0) f.name = "x";
       if (r.below(50) == 0) t.files.pop_back();
-      const auto back = post.read(t, context);
+      const auto back = post.read(t, given);
       if (back) {
         ++accepted;
-        const auto again = post.write(*back, context);  // what is read can be judged like any program: written or refused
+        const auto again = post.write(*back, given);  // what is read can be judged like any program: written or refused
         (void)again;
       } else {
         ASSERT_FALSE(back.error().empty());
         ASSERT_FALSE(back.error().front().code.empty());
       }
       if (n % 4 == 0) {
-        ASSERT_FALSE(post.lint(t, context).empty());
+        ASSERT_FALSE(post.lint(t, given).empty());
       }
     }
     std::printf("%s: %d mutations, %d still read\n", std::string(name_of(post.language)).c_str(), n, accepted);
