@@ -19,6 +19,7 @@ namespace {
 
 constexpr double kSearchMarginMm = 30.0;
 constexpr std::size_t kRaysRough = 1500, kRaysFine = 8000, kFineHypotheses = 12;
+constexpr double kCloseMargin = 40.0;  // of a log-likelihood by kRaysFine rays
 
 std::vector<Candidate> search(const CadModel& cad, const Scene& scene, const Job& job, const MeasuredCloud& cloud) {
   std::vector<Candidate> all = descend(cad, scene, job.fixture);
@@ -31,6 +32,14 @@ std::vector<Candidate> search(const CadModel& cad, const Scene& scene, const Job
   for_each_parallel(all, [&](Candidate& c) { settle_turn(cad, scene, job.fixture, sensors, kRaysRough, c); });
   for_each_parallel(all, [&](Candidate& c) { look_along_rays(cad, scene, sensors, kRaysFine, c); });
   std::stable_sort(all.begin(), all.end(), by_likelihood);
+  // What is close to the best by a sample of the rays is compared with it by all of them.
+  const auto is_close = [&](const Candidate& c) { return all.front().log_likelihood - c.log_likelihood < kCloseMargin; };
+  for (std::size_t i = 1; i < all.size() && is_close(all[i]); ++i)
+    if (preference(cad, scene, sensors, all.front(), all[i]) < 0) std::swap(all.front(), all[i]);
+  for (std::size_t i = 1; i < all.size(); ++i)
+    if (std::abs(all.front().log_likelihood - all[i].log_likelihood) < kCloseMargin)
+      all[i].log_likelihood = all.front().log_likelihood - preference(cad, scene, sensors, all.front(), all[i]);
+  std::stable_sort(all.begin() + (all.empty() ? 0 : 1), all.end(), by_likelihood);
   return all;
 }
 

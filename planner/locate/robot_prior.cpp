@@ -91,7 +91,7 @@ class Builder {
       } else {
         JointVector home{};
         for (std::size_t i = 0; i < 6; ++i) home[i] = job_.cell.robot.home_rad[i];
-        q = robot_.inverse_near(c.T_base_flange, home);
+        q = robot_.inverse_like(c.T_base_flange, home);
       }
       q_capture_.push_back(q);
       if (q) {
@@ -140,7 +140,7 @@ class Builder {
   std::optional<Eigen::MatrixXd> tip_error(const Cut& cut, const Vec3& p_base) const {
     const Pose<frame::Base, frame::Tool> T_base_tool(cut.q_base_tool, p_base);
     const Pose<frame::Base, frame::Flange> T_base_flange = T_base_tool * cut.tool->T_flange_tool.inverse();
-    const auto q = robot_.inverse_near(T_base_flange, cut.near_rad);
+    const auto q = robot_.inverse_like(T_base_flange, cut.near_rad);
     if (!q) return std::nullopt;
     const Eigen::Matrix<double, 3, 6> tip = T_base_flange.rotation() * point_jacobian(cut.tool->T_flange_tool.p_mm, Vec3::Zero());
     Eigen::MatrixXd e = Eigen::MatrixXd::Zero(3, prior_.size);

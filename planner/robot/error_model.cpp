@@ -70,7 +70,7 @@ std::vector<JointVector> working_postures(const Robot& robot, const Pose<frame::
     const Vec3 p(foot.x() + radius * std::cos(angle), foot.y() + radius * std::sin(angle), shoulder.z() + reach * random.uniform(-0.15, 0.15));
     const Vec3 z = (Vec3(0, 0, -1) + 0.7 * Vec3(random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(-1, 1))).normalized();
     const Pose<frame::Base, frame::Tool> T(quat_from_z(z, Vec3(random.normal(), random.normal(), random.normal())), p);
-    if (const auto q = robot.inverse_near(T * T_flange_tool.inverse(), home)) out.push_back(*q);
+    if (const auto q = robot.inverse_like(T * T_flange_tool.inverse(), home)) out.push_back(*q);
   }
   if (out.empty()) out.push_back(home);
   return out;

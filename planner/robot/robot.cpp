@@ -197,25 +197,15 @@ std::vector<JointVector> Robot::inverse(const Pose<frame::Base, frame::Flange>& 
   return out;
 }
 
-std::optional<JointVector> Robot::inverse_near(const Pose<frame::Base, frame::Flange>& T_base_flange, const JointVector& near_rad) const {
-  const auto& joints = impl_->spec.joints;
-  const Rigid T = rigid_of(T_base_flange);
-  const auto is_inside = [&](const JointVector& q) {
-    for (int i = 0; i < 6; ++i)
-      if (q[i] < joints[i].min_rad - kLimitSlack_rad || q[i] > joints[i].max_rad + kLimitSlack_rad) return false;
-    return true;
-  };
-  if (!impl_->is_exact) {  // along a path the neighbour is a Newton step away
-    if (auto q = newton_inverse(impl_->chain, T, near_rad, 12)) {
-      for (int i = 0; i < 6; ++i) (*q)[i] = nearest_turn((*q)[i], near_rad[i]);
-      if (is_inside(*q) && largest_difference(*q, near_rad) < 0.2) return q;
-    }
-  }
-  bool is_singular = false;
+namespace {
+
+/// Keeps the cheapest of the solutions at the full turns nearest to `near_rad`. With an exactly singular wrist joint 4 stays.
+template <class Principal, class Cost>
+std::optional<JointVector> cheapest(const RobotSpec& spec, const OpwParameters* o, const Principal& solutions, bool is_singular, const JointVector& near_rad,
+                                    const Cost& cost) {
   std::optional<JointVector> best;
-  double best_difference = 1e300;
-  for (JointVector q : impl_->principal(T, is_singular)) {
-    const auto* o = impl_->opw ? &impl_->opw->constants : nullptr;
+  double least = 1e300;
+  for (JointVector q : solutions) {
     if (is_singular && o && std::abs(std::sin(o->signs[4] * q[4] - o->offsets_rad[4])) < 1e-8) {
       // Only the sum (or difference) of joints 4 and 6 is fixed: keep 4 where it is.
       const auto& s = o->signs;
@@ -224,17 +214,52 @@ std::optional<JointVector> Robot::inverse_near(const Pose<frame::Base, frame::Fl
       q[3] = near_rad[3];
       q[5] += (is_straight ? -1.0 : 1.0) * s[3] * s[5] * shift;
     }
+    bool is_inside = true;
     for (int i = 0; i < 6; ++i) {
+      const double lo = spec.joints[i].min_rad - kLimitSlack_rad, hi = spec.joints[i].max_rad + kLimitSlack_rad;
       double v = nearest_turn(q[i], near_rad[i]);
-      while (v > joints[i].max_rad + kLimitSlack_rad) v -= 2 * kPi;
-      while (v < joints[i].min_rad - kLimitSlack_rad) v += 2 * kPi;
+      while (v > hi) v -= 2 * kPi;
+      while (v < lo) v += 2 * kPi;
       q[i] = v;
+      is_inside = is_inside && v >= lo && v <= hi;
     }
-    if (!is_inside(q)) continue;
-    const double d = largest_difference(q, near_rad);
-    if (d < best_difference) best = q, best_difference = d;
+    if (!is_inside) continue;
+    const double c = cost(q);
+    if (c < least) best = q, least = c;
   }
   return best;
+}
+
+}  // namespace
+
+std::optional<JointVector> Robot::inverse_near(const Pose<frame::Base, frame::Flange>& T_base_flange, const JointVector& near_rad) const {
+  const Rigid T = rigid_of(T_base_flange);
+  if (!impl_->is_exact) {  // along a path the neighbour is a Newton step away
+    if (auto q = newton_inverse(impl_->chain, T, near_rad, 12)) {
+      bool is_inside = true;
+      for (int i = 0; i < 6; ++i) {
+        (*q)[i] = nearest_turn((*q)[i], near_rad[i]);
+        const JointSpec& j = impl_->spec.joints[i];
+        is_inside = is_inside && (*q)[i] >= j.min_rad - kLimitSlack_rad && (*q)[i] <= j.max_rad + kLimitSlack_rad;
+      }
+      if (is_inside && largest_difference(*q, near_rad) < 0.2) return q;
+    }
+  }
+  bool is_singular = false;
+  const auto solutions = impl_->principal(T, is_singular);
+  return cheapest(impl_->spec, opw(), solutions, is_singular, near_rad, [&](const JointVector& q) { return largest_difference(q, near_rad); });
+}
+
+std::optional<JointVector> Robot::inverse_like(const Pose<frame::Base, frame::Flange>& T_base_flange, const JointVector& like_rad) const {
+  constexpr double kWeights[6] = {1.5, 1.5, 1.2, 0.6, 0.8, 0.4};  // the main axes carry the arm about, the hand turns easily
+  bool is_singular = false;
+  const auto solutions = impl_->principal(rigid_of(T_base_flange), is_singular);
+  const int arm_bits = 3, like = branch(like_rad);
+  return cheapest(impl_->spec, opw(), solutions, is_singular, like_rad, [&](const JointVector& q) {
+    double c = 0;
+    for (int i = 0; i < 6; ++i) c += kWeights[i] * std::abs(q[i] - like_rad[i]);
+    return like >= 0 && (branch(q) & arm_bits) != (like & arm_bits) ? c + 100 : c;
+  });
 }
 
 int Robot::branch(const JointVector& q_rad) const {

@@ -37,6 +37,9 @@ class Robot {
   /// The solution nearest to `near` (largest joint difference), or none. With an exactly singular wrist joint 4 stays at
   /// `near`'s and joint 6 takes the rest.
   std::optional<JointVector> inverse_near(const Pose<frame::Base, frame::Flange>& T_base_flange, const JointVector& near_rad) const;
+  /// The solution that an operator would expect who last saw the arm at `like`: its shoulder and elbow where there is one such, then
+  /// the least way of the axes, main axes counting more. For poses far from `like`, where the largest difference says little.
+  std::optional<JointVector> inverse_like(const Pose<frame::Base, frame::Flange>& T_base_flange, const JointVector& like_rad) const;
   /// Where a solution belongs: shoulder front or back, elbow up or down, wrist unflipped or flipped (0..7); -1 without OPW.
   int branch(const JointVector& q_rad) const;
   /// Geometric Jacobian of the point p (fixed to the flange, given in base): rows v (mm/rad), then w, in base.

@@ -10,6 +10,7 @@
 #include "planner/plan/motion/pass_search.hpp"
 #include "planner/plan/motion/scanned_part.hpp"
 #include "planner/plan/motion/transfer.hpp"
+#include "planner/plan/path/gate.hpp"
 
 namespace asbuilt {
 
@@ -103,10 +104,29 @@ std::optional<JointVector> reference_posture(const Robot& robot, const Job& job,
   for (const Capture& c : job.captures) {
     const double turn = c.T_base_flange.q.angularDistance(T_base_flange.q);
     if (!c.feature || *c.feature != feature || turn >= least) continue;
-    const auto q = c.q_rad ? std::optional<JointVector>(*c.q_rad) : robot.inverse_near(c.T_base_flange, robot.spec().home_rad);
+    const auto q = c.q_rad ? std::optional<JointVector>(*c.q_rad) : robot.inverse_like(c.T_base_flange, robot.spec().home_rad);
     if (q) near = *q, least = turn;
   }
-  return robot.inverse_near(T_base_flange, near);
+  return robot.inverse_like(T_base_flange, near);
+}
+
+/// Share of the pass in tolerance that is left where the arm's error is `departure_mm` (1 sd) beside what the gate knew of: a point's
+/// probability p is that of a normal error within the tolerance of a leg, whose variance grows by the square of the departure.
+double share_after_departure(const CutPass& pass, double tolerance_mm, double departure_mm) {
+  double sum = 0, length = 0;
+  for (std::size_t i = 0; i < pass.points.size(); ++i) {
+    const PathPoint& p = pass.points[i];
+    if (p.kind != PathPointKind::cut) continue;
+    const double way = std::max(1e-3, i > 0 ? (p.tip_part - pass.points[i - 1].tip_part).norm() : 0.0);
+    double lo = 1e-4 * tolerance_mm, hi = 1e4 * tolerance_mm;  // sd by halving
+    const auto share = [&](double sd) { return std::erf(tolerance_mm / (std::sqrt(2.0) * sd)); };
+    for (int k = 0; k < 60; ++k) {
+      const double sd = std::sqrt(lo * hi);
+      (share(sd) > p.probability_ratio ? lo : hi) = sd;
+    }
+    sum += way * share(std::hypot(lo, departure_mm)), length += way;
+  }
+  return length > 0 ? sum / length : 1.0;
 }
 
 class Assembly {
@@ -243,6 +263,19 @@ Result<Done<Motion>> plan_motion(const MotionRecipe& recipe, const Job& job, con
     auto planned = plan_pass(task, tools, q, accept);
     if (!planned) return refuse_all(planned.error());
     const PassMotion& m = *planned;
+    if (m.departure_mm > kDepartureWorthTelling_mm) {
+      const double share = share_after_departure(pass, process->tolerance_mm, m.departure_mm);
+      const bool is_overridden = std::all_of(pass.edges.begin(), pass.edges.end(), [&](int e) {
+        return override_for(job, features.edges[static_cast<std::size_t>(e)].id) != nullptr;
+      });
+      if (share < process->gate_probability_ratio && !is_overridden)
+        return refuse({.code = "motion.left_reference", .where = task.where,
+                       .message = "the tool can only be brought here in another posture than the one the points were corrected for: the arm's error differs by " +
+                                  fixed_number(m.departure_mm, 3) + " mm (1 sd) there, and only " + fixed_number(100 * share, 1) +
+                                  " % of the pass are expected in tolerance (" + fixed_number(100 * process->gate_probability_ratio, 1) +
+                                  " % wanted); free the way for the scan's posture, or scan in the posture that is free",
+                       .measured = share, .limit = process->gate_probability_ratio, .unit = "ratio", .stage = "motion"});
+    }
 
     const int index = static_cast<int>(k);
     assembly->joint_moves(transfer, recipe.transfer_speed_ratio);

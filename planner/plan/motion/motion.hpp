@@ -37,7 +37,7 @@ struct MotionRecipe {
 ///           wins; a ladder (dynamic programming) where no constant turn holds. Clearance certificates after Schwarzer, Saha and
 ///           Latombe (2005) on the part's mesh as it was measured. Feeds go down, never below the recipe's, where joints need it.
 /// Refuses   motion.unreachable (how far), motion.joint_limit (which joint), motion.singular, motion.collision (which pair, where,
-///           how near), motion.no_approach, motion.no_transfer, motion.joint_speed, motion.tool_change, motion.nothing_to_do,
+///           how near), motion.no_approach, motion.left_reference, motion.no_transfer, motion.joint_speed, motion.tool_change, motion.nothing_to_do,
 ///           robot.bad_kinematics.
 Result<Done<Motion>> plan_motion(const MotionRecipe& recipe, const Job& job, const Location& location, const Features& features,
                                  const Burrs& burrs, const ToolPath& path);

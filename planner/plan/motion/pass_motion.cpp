@@ -177,8 +177,7 @@ Attempt realize(const PassTask& task, const PassTools& tools, const std::vector<
         if (joints[j].speed_rad_s > 0 && dq > 1e-12) m.approach_speed_mm_s = std::min(m.approach_speed_mm_s, kJointRatio * joints[j].speed_rad_s * length / dq);
       }
   m.approach_speed_mm_s = std::max(0.1, std::floor(m.approach_speed_mm_s * 10 + 1e-6) / 10);
-  const std::size_t middle = m.cut.size() / 2;
-  m.departure_mm = departure_mm(task, tools, middle, m.cut[middle]);
+  for (const std::size_t at : {std::size_t{0}, m.cut.size() / 2, m.cut.size() - 1}) m.departure_mm = std::max(m.departure_mm, departure_mm(task, tools, at, m.cut[at]));
   out.motion = std::move(m);
   return out;
 }

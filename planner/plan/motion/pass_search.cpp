@@ -149,9 +149,9 @@ std::optional<std::vector<JointVector>> follow_path(const PassTask& task, const 
 
 double departure_mm(const PassTask& task, const PassTools& tools, std::size_t station, const JointVector& q) {
   if (!tools.errors || !task.q_reference) return 0;
-  const auto same_place = tools.robot->inverse_near(tool_pose(task, station, 0) * tools.T_flange_tool.inverse(), *task.q_reference);
-  if (!same_place) return 0;
-  return std::sqrt((error_at_tool(tools, q) - error_at_tool(tools, *same_place)).squaredNorm());
+  // Where the reference posture does not reach this station, the error is taken against the posture itself.
+  const auto same_place = tools.robot->inverse_like(tool_pose(task, station, 0) * tools.T_flange_tool.inverse(), *task.q_reference);
+  return std::sqrt((error_at_tool(tools, q) - error_at_tool(tools, same_place.value_or(*task.q_reference))).squaredNorm());
 }
 
 double posture_cost_mm(const Robot& robot, const JointVector& q) {

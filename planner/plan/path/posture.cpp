@@ -49,7 +49,7 @@ Mat3 PostureError::covariance(const ToolSpec& tool, const std::string& feature, 
   const Vec3 tip = s.location.T_base_part.point(tip_part);
   const Pose<frame::Tool, frame::Flange> T_tool_flange = tool.T_flange_tool.inverse();
   const Eigen::Quaterniond turn = Eigen::Quaterniond::FromTwoVectors(z_reference, z_cut);
-  const auto q_reference = s.robot->inverse_near(Pose<frame::Base, frame::Tool>(reference->q, tip) * T_tool_flange, s.job.cell.robot.home_rad);
+  const auto q_reference = s.robot->inverse_like(Pose<frame::Base, frame::Tool>(reference->q, tip) * T_tool_flange, s.job.cell.robot.home_rad);
   if (!q_reference) return Mat3::Zero();
   const auto q_cut = s.robot->inverse_near(Pose<frame::Base, frame::Tool>((turn * reference->q).normalized(), tip) * T_tool_flange, *q_reference);
   if (!q_cut) return Mat3::Zero();

@@ -128,6 +128,7 @@ TEST(Motion, TheReferencePostureIsKept) {
 /// A post beside the edge where the sensor would be in the reference posture: the tool turns away and says what that costs.
 TEST(Motion, AnObstacleTurnsTheToolAwayAndTheCostIsTold) {
   SmallCell c = small_cell();
+  c.job.cell.robot.accuracy.absolute.mean_mm = 0.1;  // small beside the chamfer's tolerance
   const auto before = plan(c);
   ASSERT_TRUE(before.has_value());
   Pose<frame::Base, frame::Tool> T(quat_from_z(-Vec3::UnitZ(), Vec3::UnitX()), c.location.T_base_part.point({50, 0, 40}));
@@ -142,6 +143,25 @@ TEST(Motion, AnObstacleTurnsTheToolAwayAndTheCostIsTold) {
   bool is_told = false;
   for (const Note& n : m->notes) is_told |= n.code == "motion.left_reference";
   EXPECT_TRUE(is_told);
+}
+
+/// The same post with a chamfer that has no room for that cost: nothing is cut, except by a named person's word.
+TEST(Motion, APostureThatCostsTheToleranceIsRefused) {
+  SmallCell c = small_cell();
+  c.job.cell.robot.accuracy.absolute.mean_mm = 2.0;
+  Pose<frame::Base, frame::Tool> T(quat_from_z(-Vec3::UnitZ(), Vec3::UnitX()), c.location.T_base_part.point({50, 0, 40}));
+  c.features.T_base_tool_reference["top"] = T;
+  for (Recipe& r : c.job.recipes) r.gate_probability_ratio = 0.95, r.tolerance_mm = 0.05;
+  for (CutPass& pass : c.path.passes)
+    for (PathPoint& p : pass.points) p.probability_ratio = 0.99;
+  const auto undisturbed = plan(c);
+  ASSERT_TRUE(undisturbed.has_value()) << undisturbed.error()[0].message;
+  const Vec3 tip = c.location.T_base_part.point({50, 0, 40});
+  c.job.cell.obstacles.push_back({"post", test::box_mesh(tip + Vec3(150, -20, -20), tip + Vec3(170, 20, 160))});
+  const auto m = plan(c);
+  ASSERT_FALSE(m.has_value());
+  EXPECT_EQ(m.error()[0].code, "motion.left_reference");
+  EXPECT_LT(m.error()[0].measured, 0.95);
 }
 
 /// Walls such that the sensor fits on one side at the start and on another at the end: the turn has to change on the way.

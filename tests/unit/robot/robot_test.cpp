@@ -108,6 +108,25 @@ TEST(Robot, NearlySingularWristStaysExact) {
   }
 }
 
+/// However the hand is turned, an arm that stands as at home is expected to stand so: half a turn of the hand is no reason to reach
+/// over the shoulder.
+TEST(Robot, TheExpectedSolutionKeepsShoulderAndElbow) {
+  const Robot r = robot_of(large_arm());
+  const JointVector home{0, rad_from_deg(-100), rad_from_deg(100), 0, rad_from_deg(90), 0};
+  Random random = Random::stream(17, "expected");
+  int seen = 0;
+  for (int k = 0; k < 500; ++k) {
+    const JointVector q{random.uniform(-1, 1), random.uniform(-2.1, -1.2), random.uniform(1.3, 2.2), random.uniform(-0.5, 0.5), random.uniform(0.5, 1.8), random.uniform(-3.2, 3.2)};
+    if ((r.branch(q) & 3) != (r.branch(home) & 3)) continue;
+    ++seen;
+    const auto found = r.inverse_like(r.forward(q), home);
+    ASSERT_TRUE(found.has_value());
+    EXPECT_LT(pose_error_mm(r.forward(*found), r.forward(q)), 1e-6);
+    for (int i = 0; i < 3; ++i) EXPECT_NEAR((*found)[i], q[i], 1e-6) << k;
+  }
+  EXPECT_GT(seen, 300);
+}
+
 TEST(Robot, NearestSolutionIsTheNearest) {
   const RobotSpec s = large_arm();
   const Robot r = robot_of(s);
