@@ -82,21 +82,27 @@ bool features_are_the_same(const Job& job, const Pose<frame::Part, frame::Part>&
   return true;
 }
 
-/// The motion with a residual misfit of the two descents taken off: a multiple of the symmetry where one is near.
-Pose<frame::Part, frame::Part> cleaned(const Job& job, const Pose<frame::Part, frame::Part>& motion) {
-  if (!job.part.symmetry) return motion;
+/// Motions that two places may really differ by, the residual misfit of their two descents taken off: the multiple of the symmetry
+/// where one is near; about an axis of any order the turns within a degree, nearest first.
+std::vector<Pose<frame::Part, frame::Part>> cleaned(const Job& job, const Pose<frame::Part, frame::Part>& motion) {
+  if (!job.part.symmetry) return {motion};
   const Vec3 axis = job.part.symmetry->axis_part.normalized();
   const Vec3 w = quat_log(motion.q);
   const double along = w.dot(axis);
-  if ((w - along * axis).norm() > rad_from_deg(2.0)) return motion;
-  double angle = along;
+  if ((w - along * axis).norm() > rad_from_deg(2.0)) return {motion};
+  const auto turned = [&](double angle) -> Pose<frame::Part, frame::Part> {
+    const Eigen::Quaterniond q(Eigen::AngleAxisd(angle, axis));
+    return {q, job.part.symmetry->point_part - q * job.part.symmetry->point_part};
+  };
   if (job.part.symmetry->order_count > 0) {
-    const double pitch = 2 * kPi / job.part.symmetry->order_count;
-    angle = pitch * std::round(along / pitch);
-    if (std::abs(angle - along) > rad_from_deg(2.0)) return motion;
+    const double pitch = 2 * kPi / job.part.symmetry->order_count, angle = pitch * std::round(along / pitch);
+    return {std::abs(angle - along) > rad_from_deg(2.0) ? motion : turned(angle)};
   }
-  const Eigen::Quaterniond q(Eigen::AngleAxisd(angle, axis));
-  return {q, job.part.symmetry->point_part - q * job.part.symmetry->point_part};
+  std::vector<Pose<frame::Part, frame::Part>> out;
+  for (int k = 0; k <= 10; ++k)
+    for (const double side : {1.0, -1.0})
+      if (k > 0 || side > 0) out.push_back(turned(along + side * k * rad_from_deg(0.1)));
+  return out;
 }
 
 }  // namespace
@@ -110,7 +116,8 @@ std::optional<Refusal> check_ambiguity(const LocateRecipe& recipe, const Job& jo
     const double angle = best.T_base_part.q.angularDistance(other.T_base_part.q);
     const double shift = (best.T_base_part.point(cad.center_part) - other.T_base_part.point(cad.center_part)).norm();
     if (angle < kOtherAngleRad && shift < kOtherShiftMm) continue;
-    if (features_are_the_same(job, cleaned(job, best.T_base_part.inverse() * other.T_base_part))) continue;
+    const auto motions = cleaned(job, best.T_base_part.inverse() * other.T_base_part);
+    if (std::any_of(motions.begin(), motions.end(), [&](const auto& m) { return features_are_the_same(job, m); })) continue;
     return Refusal{.code = "locate.ambiguous",
                    .where = "item " + job.item_id,
                    .message = "Two places fit the scans alike: the second is turned by " + number(deg_from_rad(angle), 1) + " deg and shifted by " +

@@ -199,6 +199,7 @@ struct RayReading {
   double log_likelihood = 0;  // zero where the fixture explains the ray whatever the pose
   double distance_mm = 0;     // of the reading from the part
   Vec3 place_part = Vec3::Zero();  // where it speaks about: the reading, or the surface it went through
+  Vec3 way_part = Vec3::Zero();    // unit, of the ray
 };
 
 class RayLooker {
@@ -213,7 +214,7 @@ class RayLooker {
     const Vec3 d = (p - o) / range;
     RayReading out;
     out.distance_mm = cad_.grid.distance(p);
-    out.place_part = p;
+    out.place_part = p, out.way_part = d;
     const auto hit = comes_near(o, d) ? cad_.query.first_hit(o, d) : std::nullopt;
     const double hidden = hit ? range - hit->distance_mm : 0.0;
     if (out.distance_mm < 4 * sigma && (!s.is_known || hidden > -4 * sigma)) {  // on the surface, unless hidden behind another one
@@ -280,13 +281,19 @@ void look_along_rays(const CadModel& cad, const Scene& scene, const std::vector<
 }
 
 double preference(const CadModel& cad, const Scene& scene, const std::vector<Vec3>& sensor_base, const Candidate& a, const Candidate& b) {
-  constexpr double kPlaceMm = 8.0, kOtherDistanceMm = 1.5, kMost = 6.0;
+  constexpr double kPlaceMm = 8.0, kOtherDistanceMm = 1.5, kMost = 6.0, kDepthMm = 0.5;
   const RayLooker look_a(cad, scene, sensor_base, a.T_base_part), look_b(cad, scene, sensor_base, b.T_base_part);
+  // A ray that only scrapes the part would pass it if the part were a little smaller: that says nothing about the place.
+  const auto is_grazing = [&](const RayReading& r) {
+    if (r.end != RayEnd::behind) return false;
+    const auto out = cad.query.first_hit(r.place_part + 0.05 * r.way_part, r.way_part);
+    return !out || cad.query.closest(r.place_part + 0.5 * out->distance_mm * r.way_part).distance_mm < kDepthMm;
+  };
   const std::size_t count = scene.rays.size();
   std::vector<std::pair<std::uint64_t, double>> votes(count);
   tbb::parallel_for(std::size_t{0}, count, [&](std::size_t i) {
     const RayReading ra = look_a.look(i), rb = look_b.look(i);
-    const bool is_material = ra.end != rb.end || std::abs(ra.distance_mm - rb.distance_mm) > kOtherDistanceMm;
+    const bool is_material = (ra.end != rb.end || std::abs(ra.distance_mm - rb.distance_mm) > kOtherDistanceMm) && !is_grazing(ra) && !is_grazing(rb);
     const double vote = is_material ? ra.log_likelihood - rb.log_likelihood : 0.0;
     const RayReading& where = rb.end == RayEnd::behind ? rb : ra;
     votes[i] = {voxel_key((&where == &ra ? a : b).T_base_part.point(where.place_part), kPlaceMm), vote};

@@ -38,7 +38,7 @@ void look_along_rays(const CadModel& cad, const Scene& scene, const std::vector<
 
 /// By how much the scans prefer pose a to pose b, as a log-likelihood ratio, negative where they prefer b. Method: every ray that ends
 /// differently under the two votes by its own ratio; votes are averaged over places of 8 mm (neighbours and captures that look at
-/// the same place tell the same). Of the sum over places half counts (places next to each other), and no more than half its
+/// the same place tell the same), rays that only scrape the part are left out. Of the sum over places half counts (places next to each other), and no more than half its
 /// squared ratio to the scatter, which is read off the places that vote for the loser and is at least one strong place.
 double preference(const CadModel& cad, const Scene& scene, const std::vector<Vec3>& sensor_base, const Candidate& a, const Candidate& b);
 

@@ -61,7 +61,7 @@ std::vector<Vec3> correction_errors(const Job& job, const Location& l, const Tru
   const auto near_of = [&](const std::string& feature, const Pose<frame::Base, frame::Tool>& reference) {
     for (const Capture& c : job.captures)
       if (c.feature == feature && (c.T_base_flange.q * tool.T_flange_tool.q).angularDistance(reference.q) < 0.01)
-        return *robot.inverse_near(c.T_base_flange, home);
+        return *robot.inverse_like(c.T_base_flange, home);
     return home;
   };
   std::vector<Vec3> out;
@@ -72,7 +72,7 @@ std::vector<Vec3> correction_errors(const Job& job, const Location& l, const Tru
     const Pose<frame::Base, frame::Sensor> placed = c.T_base_flange * job.cell.sensors[static_cast<std::size_t>(c.sensor)].T_flange_sensor;
     const Vec3 p_base = reference.p_mm, p_true = truth.T_base_sensor_true[k].point(placed.inverse().point(p_base));
     const Pose<frame::Base, frame::Flange> flange = Pose<frame::Base, frame::Tool>(reference.q, p_true) * tool.T_flange_tool.inverse();
-    const auto q = robot.inverse_near(flange, near_of(*c.feature, reference));
+    const auto q = robot.inverse_like(flange, near_of(*c.feature, reference));
     const Pose<frame::Base, frame::Flange> real = flange.disturbed(model.twist(*q) * truth.arm);
     const Vec3 p_command = p_true - ((real * tool.T_flange_tool).p_mm - p_true);
     out.push_back(l.corrections[k].point(p_base) - p_command);

@@ -83,7 +83,8 @@ TEST(Locate, accepts_lugs_that_are_alike_where_all_are_worked) {
   ScanOptions o;
   o.play = {quat_from_zyx(0.3, 0, 0), Vec3::Zero()};
   scan(job, usual_views({{"lugs", Vec3(105, 105, 40)}}), o);
-  EXPECT_EQ(code_of(job), "");
+  std::string message;
+  EXPECT_EQ(code_of(job, &message), "") << message;
 }
 
 TEST(LocateRefuses, flat_top_views_of_a_ring) {

@@ -273,14 +273,14 @@ Truth scan(Job& job, const std::vector<View>& views, const ScanOptions& o) {
         const Eigen::Quaterniond q = quat_from_z(-from, Eigen::AngleAxisd(v.turn_rad + roll * kPi / 6, from) * Vec3(0.3, 1, 0.1));
         const Pose<frame::Base, frame::Sensor> at(q, aim + from * sensor.working_distance_mm);
         const Pose<frame::Base, frame::Flange> candidate = at * sensor.T_flange_sensor.inverse();
-        const auto joints = robot->inverse_near(candidate, home);
+        const auto joints = robot->inverse_like(candidate, home);
         if (!joints) continue;
         double farthest = 0;
         for (std::size_t i = 0; i < 6; ++i) farthest = std::max(farthest, (i == 5 ? 0.5 : 1.0) * std::abs((*joints)[i] - home[i]));
         if (farthest < best) best = farthest, flange = candidate;
       }
     }
-    auto q = robot->inverse_near(flange, home);
+    auto q = robot->inverse_like(flange, home);
     if (!q) continue;
     Vec6 xi = model.twist(*q) * truth.arm;
     const Mat6 scatter = model.scatter(*q);
