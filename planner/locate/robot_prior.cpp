@@ -6,15 +6,21 @@
 #include <cmath>
 #include <limits>
 
+#include "planner/base/random.hpp"
 #include "planner/robot/error_model.hpp"
 
 namespace asbuilt {
 namespace {
 
-// Sensors and tools are calibrated on the real arm, whose error then sits in all of them alike; it cancels between a scan and
-// a cut with the same flange orientation. Sizes: the arm's absolute accuracy, and the turn it makes over one reach of tool.
-constexpr double kSharedShiftRatio = 0.6;     // of the absolute accuracy, per axis
-constexpr double kSharedLeverMm = 700.0;
+// Sensors and tools are calibrated on the real arm: its mean error over the postures of a calibration sits in all of them alike.
+// The postures are not known; taken is a sample of such as one calibrates in.
+constexpr int kCalibrationPostures = 60;
+constexpr double kCalibrationTiltRad = 0.5, kCalibrationSpreadMm = 100.0;
+// What that sample does not know of the shared error, and what is each calibration's own: a shift per axis, of the absolute accuracy, and
+// a turn, of the one that it makes over one reach of tool. The shared one is at the tool's tip and about it: there, and not at the
+// flange, the arm is brought to something known.
+constexpr double kSharedShiftRatio = 0.08, kSharedTurnRatio = 0.3, kSharedLeverMm = 700.0;
+constexpr double kCalibrationShiftRatio = 0.04, kCalibrationTurnRatio = 0.7;  // a shift at the sensor's focus and a turn about it
 constexpr double kSensorFormRatio = 0.6;      // of its noise: the part of its own bending that looks like a motion
 constexpr double kWorkingAngleRad = rad_from_deg(15.0);
 
@@ -51,6 +57,7 @@ class Builder {
     const RobotErrorModel model(robot_, tool ? tool->T_flange_tool : Pose<frame::Flange, frame::Tool>());
     model_ = &model;
     lay_out();
+    fill_calibrated(tool);
     fill_captures();
     fill_covariance();
     for (const FeatureSpec& f : job_.part.features) choose_cut(f);
@@ -79,6 +86,28 @@ class Builder {
     prior_.size = at;
   }
 
+  /// The arm's mean twist over postures near the part, tool down and turned and tilted at random: what calibrations have taken up.
+  void fill_calibrated(const ToolSpec* tool) {
+    calibrated_ = Eigen::MatrixXd::Zero(6, prior_.arm_count);
+    const Pose<frame::Tool, frame::Flange> T_tool_flange = tool ? tool->T_flange_tool.inverse() : Pose<frame::Tool, frame::Flange>();
+    Random random = Random::stream(13, "postures of a calibration");
+    JointVector home{};
+    for (std::size_t i = 0; i < 6; ++i) home[i] = job_.cell.robot.home_rad[i];
+    int count = 0;
+    for (int i = 0; i < 4 * kCalibrationPostures && count < kCalibrationPostures; ++i) {
+      const double yaw = random.uniform(-kPi, kPi), pitch = random.uniform(-kCalibrationTiltRad, kCalibrationTiltRad), roll = random.uniform(-kCalibrationTiltRad, kCalibrationTiltRad);
+      const Vec3 off(random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(-1, 1));
+      const Pose<frame::Base, frame::Tool> T(quat_from_zyx(yaw, pitch, roll) * quat_from_z(-Vec3::UnitZ(), Vec3::UnitX()), prior_.center_base + kCalibrationSpreadMm * off);
+      const auto q = robot_.inverse_like(T * T_tool_flange, home);
+      if (!q) continue;
+      calibrated_ += model_->twist(*q), ++count;
+    }
+    if (count > 0) calibrated_ /= count;
+  }
+
+  /// Of the arm beyond what calibrations have taken up, as a twist of the flange in its own frame.
+  Eigen::MatrixXd arm_twist(const JointVector& q) const { return model_->twist(q) - calibrated_; }
+
   void fill_captures() {
     for (std::size_t k = 0; k < cloud_.captures.size(); ++k) {
       const CloudCapture& c = cloud_.captures[k];
@@ -95,7 +124,7 @@ class Builder {
       }
       q_capture_.push_back(q);
       if (q) {
-        m.leftCols(prior_.arm_count) = flange * model_->twist(*q);
+        m.leftCols(prior_.arm_count) = flange * arm_twist(*q);
         scatter_.push_back(model_->scatter(*q));
       } else {
         prior_.notes.push_back({Note::Level::warning, "locate.capture_out_of_reach",
@@ -116,11 +145,13 @@ class Builder {
   void fill_covariance() {
     prior_.covariance = Eigen::MatrixXd::Zero(prior_.size, prior_.size);
     prior_.covariance.topLeftCorner(prior_.arm_count, prior_.arm_count).setIdentity();
-    const double shift = kSharedShiftRatio * std::max(0.02, job_.cell.robot.accuracy.absolute.mean_mm), turn = shift / kSharedLeverMm;
-    for (int i = 0; i < 3; ++i) {
-      prior_.covariance(prior_.flange_at + i, prior_.flange_at + i) = shift * shift;
-      prior_.covariance(prior_.flange_at + 3 + i, prior_.flange_at + 3 + i) = turn * turn;
-    }
+    const double accuracy = std::max(0.02, job_.cell.robot.accuracy.absolute.mean_mm);
+    const double shift = kSharedShiftRatio * accuracy, turn = kSharedTurnRatio * accuracy / kSharedLeverMm;
+    Mat6 about_tip = Mat6::Identity();
+    if (const ToolSpec* tool = first_tool()) about_tip.topRightCorner<3, 3>() = skew(tool->T_flange_tool.p_mm);
+    Vec6 shared;
+    shared << Vec3::Constant(shift), Vec3::Constant(turn);
+    prior_.covariance.block<6, 6>(prior_.flange_at, prior_.flange_at) = about_tip * shared.cwiseAbs2().asDiagonal() * about_tip.transpose();
     const auto put = [&](int at, Mat6 block) {  // a block of zeros would have no inverse
       for (int i = 0; i < 3; ++i) block(i, i) += 1e-8, block(i + 3, i + 3) += 1e-14;
       prior_.covariance.block<6, 6>(at, at) = 0.5 * (block + block.transpose());
@@ -130,6 +161,11 @@ class Builder {
       const double form = kSensorFormRatio * s.noise_mm, half = std::max(10.0, 0.5 * s.field_of_view_mm[0]);
       Mat6 block = c.covariance_sensor;
       for (int i = 0; i < 3; ++i) block(i, i) += form * form, block(i + 3, i + 3) += form * form / (half * half);
+      Mat6 about_focus = Mat6::Identity();
+      about_focus.topRightCorner<3, 3>() = skew(Vec3(0, 0, s.working_distance_mm));
+      Vec6 own;
+      own << Vec3::Constant(kCalibrationShiftRatio * accuracy), Vec3::Constant(kCalibrationTurnRatio * accuracy / kSharedLeverMm);
+      block += about_focus * own.cwiseAbs2().asDiagonal() * about_focus.transpose();
       put(prior_.sensor_at[static_cast<std::size_t>(c.sensor)], block);
     }
     for (std::size_t k = 0; k < cloud_.captures.size(); ++k) put(prior_.capture_at[k], scatter_[k]);
@@ -144,7 +180,7 @@ class Builder {
     if (!q) return std::nullopt;
     const Eigen::Matrix<double, 3, 6> tip = T_base_flange.rotation() * point_jacobian(cut.tool->T_flange_tool.p_mm, Vec3::Zero());
     Eigen::MatrixXd e = Eigen::MatrixXd::Zero(3, prior_.size);
-    e.leftCols(prior_.arm_count) = tip * model_->twist(*q);
+    e.leftCols(prior_.arm_count) = tip * arm_twist(*q);
     e.middleCols(prior_.flange_at, 6) = tip;
     return e;
   }
@@ -279,6 +315,7 @@ class Builder {
   const Robot& robot_;
   const RobotErrorModel* model_ = nullptr;
   RobotPrior prior_;
+  Eigen::MatrixXd calibrated_;
   std::vector<std::optional<JointVector>> q_capture_;
   std::vector<Mat6> scatter_;
   std::map<std::string, Cut> cuts_;

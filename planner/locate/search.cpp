@@ -298,13 +298,14 @@ double preference(const CadModel& cad, const Scene& scene, const std::vector<Vec
     const RayReading& where = rb.end == RayEnd::behind ? rb : ra;
     votes[i] = {voxel_key((&where == &ra ? a : b).T_base_part.point(where.place_part), kPlaceMm), vote};
   });
+  std::erase_if(votes, [](const auto& v) { return v.second == 0; });
   std::sort(votes.begin(), votes.end());
   double sum = 0;
   std::array<double, 2> square{};  // of places for b, for a
-  for (std::size_t i = 0; i < count;) {
+  for (std::size_t i = 0; i < votes.size();) {
     std::size_t j = i;
     double mean = 0;
-    for (; j < count && votes[j].first == votes[i].first; ++j) mean += votes[j].second;
+    for (; j < votes.size() && votes[j].first == votes[i].first; ++j) mean += votes[j].second;
     mean = std::clamp(mean / static_cast<double>(j - i), -kMost, kMost);
     sum += mean, square[mean > 0] += mean * mean;
     i = j;

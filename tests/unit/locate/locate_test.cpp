@@ -73,7 +73,7 @@ std::vector<Vec3> correction_errors(const Job& job, const Location& l, const Tru
     const Vec3 p_base = reference.p_mm, p_true = truth.T_base_sensor_true[k].point(placed.inverse().point(p_base));
     const Pose<frame::Base, frame::Flange> flange = Pose<frame::Base, frame::Tool>(reference.q, p_true) * tool.T_flange_tool.inverse();
     const auto q = robot.inverse_like(flange, near_of(*c.feature, reference));
-    const Pose<frame::Base, frame::Flange> real = flange.disturbed(model.twist(*q) * truth.arm);
+    const Pose<frame::Base, frame::Flange> real = flange.disturbed(model.twist(*q) * truth.arm - truth.calibrated);
     const Vec3 p_command = p_true - ((real * tool.T_flange_tool).p_mm - p_true);
     out.push_back(l.corrections[k].point(p_base) - p_command);
     if (covariances) {
@@ -181,7 +181,7 @@ TEST(Locate, covariance_of_corrections_is_honest) {
     for (std::size_t k = 0; k < errors.size(); ++k) sum += errors[k].dot(covariances[k].ldlt().solve(errors[k])) / 3, ++count;
   }
   EXPECT_GT(sum / count, 0.2);
-  EXPECT_LT(sum / count, 3.0);
+  EXPECT_LT(sum / count, 2.5);
 }
 
 }  // namespace

@@ -233,6 +233,20 @@ Truth scan(Job& job, const std::vector<View>& views, const ScanOptions& o) {
   for (double& x : truth.arm) x = o.robot_ratio * random.normal();
   const Pose<frame::Base, frame::Part> nominal = job.fixture.T_base_fixture * job.fixture.T_fixture_part;
   truth.T_base_part = nominal * o.play;
+  {  // Sensors and tool are calibrated on this arm, by a score of poses about the fixture: what they see on average is theirs for good.
+    Random poses = Random::stream(o.seed, "calibration poses");
+    JointVector home{};
+    for (std::size_t i = 0; i < 6; ++i) home[i] = job.cell.robot.home_rad[i];
+    int count = 0;
+    for (int i = 0; i < 200 && count < 24; ++i) {
+      const Eigen::Quaterniond q_tool = quat_from_zyx(poses.uniform(-kPi, kPi), poses.uniform(-0.6, 0.6), poses.uniform(-0.6, 0.6)) * quat_from_z(-Vec3::UnitZ(), Vec3::UnitX());
+      const Vec3 at = nominal.point(job.part.brep.mesh.box().center_mm()) + 60 * Vec3(poses.uniform(-1, 1), poses.uniform(-1, 1), poses.uniform(-1, 1));
+      const auto q = robot->inverse_like(Pose<frame::Base, frame::Tool>(q_tool, at) * tool.T_flange_tool.inverse(), home);
+      if (q) truth.calibrated += model.twist(*q) * truth.arm, ++count;
+    }
+    must(count > 0, "synthetic: nothing to calibrate in");
+    truth.calibrated /= count;
+  }
   const PartSpec& real = o.scanned_part ? *o.scanned_part : job.part;
   Mesh mesh = real.brep.mesh;
   Mesh scene_mesh = transformed(truth.T_base_part, mesh);
@@ -282,7 +296,7 @@ Truth scan(Job& job, const std::vector<View>& views, const ScanOptions& o) {
     }
     auto q = robot->inverse_like(flange, home);
     if (!q) continue;
-    Vec6 xi = model.twist(*q) * truth.arm;
+    Vec6 xi = model.twist(*q) * truth.arm - truth.calibrated;
     const Mat6 scatter = model.scatter(*q);
     Vec6 white;
     for (double& x : white) x = random.normal();

@@ -46,6 +46,7 @@ std::vector<View> usual_views(const std::vector<std::pair<std::string, Vec3>>& f
 struct Truth {
   Pose<frame::Base, frame::Part> T_base_part;          // true
   Eigen::VectorXd arm;                                 // parameters of the error model
+  Vec6 calibrated = Vec6::Zero();                      // the arm's mean twist in the postures that sensors and tool were calibrated in, flange frame
   std::vector<Pose<frame::Base, frame::Flange>> T_base_flange_true;
   std::vector<Pose<frame::Base, frame::Sensor>> T_base_sensor_true;
 };
