@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "planner/io/step/foot_walk.hpp"
+
 namespace asbuilt::step {
 namespace {
 
@@ -21,12 +23,9 @@ void normals_along(const Body& body, int face, const std::vector<Vec3>& p, std::
     return;
   }
   std::optional<Vec2> seed;
+  FootWalk walk(s, d);
   for (std::size_t i = 0; i < p.size(); ++i) {
-    SurfaceFoot g = project(s, d, p[i], seed);
-    if (seed && !has_closed_form_foot(s) && (g.p - p[i]).norm() > 1e-3) {
-      const SurfaceFoot h = project(s, d, p[i]);
-      if ((h.p - p[i]).norm() < (g.p - p[i]).norm()) g = h;
-    }
+    const SurfaceFoot g = walk.at(p[i], seed);
     seed = Vec2(g.u, g.v);
     out[i] = sign * g.n;
     off_mm = std::max(off_mm, (g.p - p[i]).norm());

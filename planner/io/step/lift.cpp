@@ -47,7 +47,7 @@ Vec3 area_vector(const Lifted& l) {
   return 0.5 * a;
 }
 
-Lifter::Lifter(const Surface& s, const SurfaceDomain& d) : s_(s), d_(d), poles_(poles_of(s, d)) {
+Lifter::Lifter(const Surface& s, const SurfaceDomain& d) : s_(s), d_(d), walk_(s, d), poles_(poles_of(s, d)) {
   if (d.is_periodic_u) period_.u = d.u1 - d.u0;
   if (d.is_periodic_v) period_.v = d.v1 - d.v0;
 }
@@ -141,13 +141,8 @@ Vec2 Lifter::near_to(Vec2 uv, const Vec2& seed) const {
 }
 
 Vec2 Lifter::raw(const Vec3& p, const std::optional<Vec2>& seed) {
-  SurfaceFoot f = project(s_, d_, p, seed);
-  double off = std::abs((f.p - p).norm());
-  if (seed && off > 1e-3 && !has_closed_form_foot(s_)) {
-    const SurfaceFoot g = project(s_, d_, p);
-    if ((g.p - p).norm() < 0.5 * off) f = g, off = (g.p - p).norm();
-  }
-  worst_mm = std::max(worst_mm, off);
+  const SurfaceFoot f = walk_.at(p, seed);
+  worst_mm = std::max(worst_mm, (f.p - p).norm());
   return {f.u, f.v};
 }
 

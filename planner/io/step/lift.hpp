@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "planner/io/step/foot_walk.hpp"
 #include "planner/io/step/topology.hpp"
 
 namespace asbuilt::step {
@@ -56,6 +57,7 @@ class Lifter {
 
   const Surface& s_;
   const SurfaceDomain& d_;
+  FootWalk walk_;
   std::vector<Pole> poles_;
   Periods period_;
 };

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "planner/io/step/foot_walk.hpp"
+
 namespace asbuilt::step {
 namespace {
 
@@ -124,9 +126,9 @@ void follow_normals(const Body& body, TopoEdge& e, double angle_rad) {
     if (std::holds_alternative<PlaneSurface>(s.shape)) continue;
     if (is_line && (std::holds_alternative<CylinderSurface>(s.shape) || std::holds_alternative<ConeSurface>(s.shape))) continue;
     std::optional<Vec2> seed;
+    FootWalk walk(s, d);
     const auto normal_at = [&](const Vec3& p) -> Vec3 {
-      SurfaceFoot g = project(s, d, p, seed);
-      if (seed && !has_closed_form_foot(s) && (g.p - p).norm() > 1e-3) g = project(s, d, p);
+      const SurfaceFoot g = walk.at(p, seed);
       seed = Vec2(g.u, g.v);
       const SurfaceJet j = evaluate_jet(s, g.u, g.v, 1);
       const bool is_pole = j.du.cross(j.dv).norm() < 1e-6 * std::max(j.du.squaredNorm(), j.dv.squaredNorm());

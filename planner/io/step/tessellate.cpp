@@ -8,6 +8,7 @@
 #include <unordered_set>
 
 #include "planner/io/step/flat_face.hpp"
+#include "planner/io/step/foot_walk.hpp"
 #include "planner/io/step/planar_mesh.hpp"
 
 namespace asbuilt::step {
@@ -422,12 +423,15 @@ class FaceMesher {
     const double l = n.norm();
     return l > 1e-6 * std::max(j.d0.squaredNorm(), j.d1.squaredNorm()) ? Vec3(n / l) : Vec3::Zero();
   }
-  /// The normal below the straight way from a to b, kNormalReach_mm from a.
-  static Vec3 normal_inside(const Chart& chart, const Vec2& a, const Vec3& p_a, const Vec3& p_b, double length_mm) {
-    const Vec3 p = p_a + kNormalReach_mm / length_mm * (p_b - p_a);
-    SurfaceFoot g = project(*chart.surface, *chart.domain, p, chart.uv(a));
-    if (!has_closed_form_foot(*chart.surface) && (g.p - p).norm() > 0.1 * kNormalReach_mm) g = project(*chart.surface, *chart.domain, p);
-    return normal_of(chart.at(chart.q({g.u, g.v})));
+  /// The normal of chart point k that counts on the way to q_b: its own, or the one kNormalReach_mm inside where it has none.
+  Vec3 normal_towards(const Chart& chart, std::size_t k, const Vec2& q_a, const Vec2& q_b) {
+    const Vec3 own = normals_[k], near = normal_of(chart.at(q_a + 1e-3 * (q_b - q_a)));
+    if (!own.isZero() && own.dot(near) > std::cos(0.05 * tol_.angle_rad)) return own;  // as on almost every surface
+    const Vec3 p_a = chart.at(q_a).p, p_b = chart.at(q_b).p, p = p_a + kNormalReach_mm / (p_b - p_a).norm() * (p_b - p_a);
+    if (!walk_) walk_.emplace(*chart.surface, *chart.domain);
+    const SurfaceFoot g = walk_->at(p, chart.uv(q_a));
+    const Vec3 inside = normal_of(chart.at(chart.q({g.u, g.v})));
+    return is_settled(own, inside, tol_.angle_rad) ? own : inside;
   }
   /// Angle between the normals at two chart points; where an end has none of its own, the normal a little inside counts.
   double turn(const Chart& chart, const std::vector<Vec2>& q, std::size_t a, std::size_t b) {
@@ -439,12 +443,8 @@ class FaceMesher {
     };
     const double turn = between(normals_[a], normals_[b]);
     if (chart.is_stereographic || (turn <= tol_.angle_rad && !normals_[a].isZero() && !normals_[b].isZero())) return turn;
-    const Vec3 p_a = chart.at(q[a]).p, p_b = chart.at(q[b]).p;
-    const double l = (p_b - p_a).norm();
-    if (l < 2 * kNormalReach_mm) return 0;
-    const Vec3 x = normal_inside(chart, q[a], p_a, p_b, l), y = normal_inside(chart, q[b], p_b, p_a, l);
-    return between(is_settled(normals_[a], x, tol_.angle_rad) ? normals_[a] : x,
-                   is_settled(normals_[b], y, tol_.angle_rad) ? normals_[b] : y);
+    if ((chart.at(q[b]).p - chart.at(q[a]).p).norm() < 2 * kNormalReach_mm) return 0;
+    return between(normal_towards(chart, a, q[a], q[b]), normal_towards(chart, b, q[b], q[a]));
   }
   double off(const Chart& chart, const Vec2& m, const Vec3& p) const {
     const Chart::Jet j = chart.at(m);
@@ -462,6 +462,7 @@ class FaceMesher {
   bool is_doubly_curved_ = false;
   std::unordered_map<std::uint64_t, float> checked_;  // side -> what it exceeds the tolerances by
   std::unordered_set<std::uint64_t> good_;            // triangles whose centre has been looked at
+  std::optional<FootWalk> walk_;
   std::vector<Vec3> normals_;                         // of chart points; 2, 2, 2: not yet known
 
  public:

@@ -3,11 +3,14 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
+#include <ctime>
 #include <set>
 
 #include "planner/geom/edge_chains.hpp"
 #include "planner/io/step/step_reader.hpp"
 #include "step_text.hpp"
+#include "variants.hpp"
 
 namespace asbuilt {
 namespace {
@@ -138,6 +141,31 @@ TEST(Bounds, PartsOfManyKilometresCostWhatSmallOnesDo) {  // found by fuzzing: H
   std::size_t samples = 0;
   for (const BrepEdge& e : b.edges) samples += e.p.size();
   EXPECT_LT(samples, 1'000'000u);
+}
+
+TEST(Bounds, EdgesFarOffTheirSurfaceCostWhatOthersDo) {  // found by fuzzing: an offset and poles of other sizes than their edges
+  StepText s;
+  const double far = 5e6;
+  std::vector<std::vector<Vec3>> poles;
+  for (int i = 0; i < 12; ++i) {
+    poles.emplace_back();
+    for (int j = 0; j < 12; ++j) poles.back().push_back(Vec3(10.0 * i, 10.0 * j, 5 * std::sin(i) * std::cos(j)));
+  }
+  const std::vector<int> mult{4, 1, 1, 1, 1, 1, 1, 1, 1, 4};
+  const std::vector<double> knots{0, 1, 2, 3, 4, 5, 6, 7, 8, 9};
+  const int base = test::spline_surface(s, 3, 3, poles, {}, mult, mult, knots, knots);
+  const int wall = s.add("OFFSET_SURFACE(''," + s.ref(base) + ",30.,.F.)");
+  const Vec3 corner[4] = {{0, 0, 0}, {far, 0, 0}, {far, far, 0}, {0, far, 0}};
+  std::vector<int> loop, v;
+  for (const Vec3& p : corner) v.push_back(s.vertex(p));
+  for (std::size_t k = 0; k < 4; ++k) loop.push_back(s.edge(v[k], v[(k + 1) % 4], s.line(corner[k], corner[(k + 1) % 4])));
+  s.part({s.add("SHELL_BASED_SURFACE_MODEL(''," + s.list({s.add("OPEN_SHELL(''," + s.list({s.face({s.bound(loop)}, wall)}) + ")")}) + ")")});
+  const std::clock_t t0 = std::clock();
+  const Brep b = brep_of(s.text());
+  EXPECT_LT(static_cast<double>(std::clock() - t0) / CLOCKS_PER_SEC, 7);
+  std::size_t remarks = 0;
+  for (const BrepEdge& e : b.edges) remarks += !e.fault.empty();
+  EXPECT_EQ(remarks, 4u);
 }
 
 }  // namespace
