@@ -9,6 +9,7 @@
 #include <limits>
 
 #include "planner/base/number.hpp"
+#include "planner/calibrate/image_targets.hpp"
 #include "planner/calibrate/measured_covariance.hpp"
 #include "planner/calibrate/observe.hpp"
 #include "planner/calibrate/statistics.hpp"
@@ -256,6 +257,12 @@ Result<Done<CalibrationResult>> calibrate(const CalibrationRequest& job, const C
     if (m != o.motion_view.end()) r.T_sensor_target = o.motions[static_cast<std::size_t>(m - o.motion_view.begin())].T_sensor_target;
     else if (c.network.sight == Sight::point) r.T_sensor_target = {Eigen::Quaterniond::Identity(), v.observations[0].z};
     else continue;
+    if (out.camera && m != o.motion_view.end()) {  // by the camera as it came out, which is what a check will see it with
+      std::vector<Vec3> board;
+      std::vector<ImagePoint> points;
+      for (const Observation& b : v.observations) points.push_back({static_cast<int>(board.size()), b.z.head<2>()}), board.push_back(b.p_target);
+      if (const auto pose = board_pose(board, points, *out.camera)) r.T_sensor_target = pose->T_sensor_target;
+    }
     r.covariance = measured_covariance(c.network, v, state, r.T_sensor_target, c.solution.sensor_sd, recipe.network.sensor_sd_rad);
     out.references.push_back(std::move(r));
   }

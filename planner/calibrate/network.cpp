@@ -460,7 +460,7 @@ NetworkSolution solve_network(const NetworkRecipe& recipe, const Network& networ
       }
     }
     const Sds before = w.sds;
-    ceres_solve(w, false, 50);
+    ceres_solve(w, false, recipe.iterations_max_count);
     s = statistics_of(w);
     update_sds(w, recipe, s, false);
     const auto near = [](double a, double b) { return std::abs(a - b) < 2e-3 * b; };
@@ -468,7 +468,7 @@ NetworkSolution solve_network(const NetworkRecipe& recipe, const Network& networ
     if (round > 0 && is_same && near(w.sds.sensor, before.sensor) && near(w.sds.robot_mm, before.robot_mm) && near(w.sds.robot_rad, before.robot_rad)) break;
     // an outlier stays one: taking views in and out again need not end
   }
-  ceres_solve(w, false, 50);
+  ceres_solve(w, false, recipe.iterations_max_count);
   s = statistics_of(w);
   NetworkSolution out;
   out.state = w.state;

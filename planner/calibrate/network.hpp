@@ -82,10 +82,11 @@ struct NetworkRecipe {
   double belief_count = 10;         // the given sds count as much as this many observations; large: they stand as given
   double outlier_probability_ratio = 1e-4;  // an observation or a pose less probable than this, among all, is an outlier
   int rounds_count = 12;
+  int iterations_max_count = 50;    // of every solve after the robust ones; one that needs more has not settled
   template <class S, class A>
   static void visit(S& s, A&& a) {
     a("sensor_sd", s.sensor_sd_mm), a("sensor_sd_angle", s.sensor_sd_rad), a("robot_sd", s.robot_sd_mm), a("robot_sd_angle", s.robot_sd_rad);
-    a("belief", s.belief_count), a("outlier_probability", s.outlier_probability_ratio), a("rounds", s.rounds_count);
+    a("belief", s.belief_count), a("outlier_probability", s.outlier_probability_ratio), a("rounds", s.rounds_count), a("iterations_max", s.iterations_max_count);
   }
 };
 

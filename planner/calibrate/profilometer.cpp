@@ -89,7 +89,13 @@ Vec3 rms_over(const std::vector<PoseQuality>& all, bool is_held_out) {
 
 /// Best of the starts that settles: the caller's, the linear one, and random ones around the best so far while none does.
 SolveReport best_solve(ProfilometerProblem& problem, const std::vector<ProfilometerState>& starts, int& restart_count) {
-  constexpr double kSure = 1.3, kSettled = 4;  // squared residuals per number, outliers included
+  // squared residuals per number: surely the lowest valley where they are no more than chance makes them (a side valley may stand at 1.29),
+  // and settled where outliers may still be among them
+  double numbers = 0;
+  for (const PoseGroup& g : problem.groups)
+    for (const HoleView* v : g.passes) numbers += 3.0 * double(v->holes.size());
+  const double sure_ratio = 1 + 5 * std::sqrt(2 / std::max(1.0, numbers));
+  constexpr double kSettled = 4;
   SolveReport best;
   best.cost = 1e300;
   double best_cost = 1e300;
@@ -97,7 +103,7 @@ SolveReport best_solve(ProfilometerProblem& problem, const std::vector<Profilome
     const SolveReport r = solve_joint(problem, s);
     const double c = cost_per_residual(problem, r);
     if (c < best_cost || (best_cost == 1e300 && r.cost < best.cost)) best = r, best_cost = c;
-    if (best_cost < kSure) return best;
+    if (best_cost < sure_ratio) return best;
   }
   if (best_cost < kSettled) return best;
   Random random = Random::stream(problem.recipe->seed, "restarts");

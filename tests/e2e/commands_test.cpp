@@ -54,6 +54,24 @@ TEST(CommandLine, an_unknown_language_names_those_that_are_known) {
   EXPECT_NE(ran.err.find("inform"), std::string::npos);
 }
 
+TEST(CommandLine, an_expired_calibration_is_not_checked_but_refused) {
+  const test::Folder folder;
+  test::write_text(folder.path / "cell.yaml", test::read_text("tests/refuse/base/cell.yaml"));
+  test::write_text(folder.path / "calibration.yaml", test::read_text("tests/refuse/base/calibration.yaml"));
+  const auto captures = [&](const std::string& day) {
+    test::write_text(folder.path / "captures.yaml", "asbuilt: captures/1\ncell: cell.yaml\nsensor: wide\ntaken: " + day +
+                                                        "\ntarget: {kind: pose}\ncaptures:\n  - {name: monday, base_flange: {xyz: [900, 0, 800], zyx: [0, 90, 0]}, sensor_target: {xyz: [0, 0, 500], zyx: [0, 0, 0]}}\n");
+    return run_program({"calibrate", folder.path / "captures.yaml", "--check", folder.path / "calibration.yaml"});
+  };
+  const test::Ran old = captures("2027-02-01");
+  EXPECT_EQ(old.status, 3);
+  EXPECT_NE(old.err.find("calibrate.expired"), std::string::npos) << old.err;
+  EXPECT_NE(old.err.find("78 days"), std::string::npos) << old.err;
+  const test::Ran young = captures("2026-11-20");  // of age; but it holds no views to compare with
+  EXPECT_EQ(young.status, 3);
+  EXPECT_NE(young.err.find("calibrate.no_reference"), std::string::npos) << young.err;
+}
+
 TEST(CommandLine, schemas_are_json) {
   for (const char* kind : {"part", "recipe", "cell", "fixture", "calibration", "scans", "batch"}) {
     const test::Ran ran = run_program({"schema", kind});

@@ -2,7 +2,7 @@
 // Studies of the profilometer's calibration on simulated captures with fixed seeds; each prints a table.
 //   study_profilometer published [N]     error of the field and of a measured seam beside the Cramer-Rao bound, published and own poses
 //   study_profilometer convergence [N]   from starts 10 % and 30 % off
-//   study_profilometer coverage [N]      95 % bands against the truth
+//   study_profilometer coverage [N] [S]  95 % bands against the truth, seeds from S on
 //   study_profilometer files DIR         captures of a small plate as files, for the command line (run from the source folder)
 //   study_profilometer faults [N]        faults planted, what is said
 #include <fmt/format.h>
@@ -179,13 +179,16 @@ void convergence(int count) {
         return worst < 1e-3;
       };
       const auto alone = solve_joint(problem, start);
-      plain += alone.is_converged && agrees(alone.state);
+      const bool is_same = alone.is_converged && agrees(alone.state);
+      plain += is_same;
+      if (!is_same) fmt::print("  start {}: {} after {} iterations, half the sum of squares {:.4f}, from the truth {:.4f}\n", k, alone.is_converged ? "settled elsewhere" : "not settled", alone.iteration_count, alone.cost, best.cost);
       const auto r = calibrate_profilometer(recipe, c.plate, views, rig::sheet(), start);
       if (r) {
         // its own robust rounds may weigh holes down: compared with the solution from the truth under the same function
         const auto again = calibrate_profilometer(recipe, c.plate, views, rig::sheet(), truth);
         double worst = 0;
         for (const Vec2& uv : field_points(problem, {})) worst = std::max(worst, (flange_point(r->artefact.state, uv) - flange_point(again->artefact.state, uv)).norm());
+        if (!(worst < 1e-3)) fmt::print("  start {}: the whole calibration ends {:.4f} mm from that from the truth\n", k, worst);
         whole += worst < 1e-3, restarts += r->artefact.restart_count;
       } else {
         fmt::print("  {}: {}: {}\n", k, r.error().front().code, r.error().front().message);
@@ -195,7 +198,7 @@ void convergence(int count) {
   }
 }
 
-void coverage(int count) {
+void coverage(int count, std::uint64_t first) {
   fmt::print("{} calibrations, truth inside the 95 % band (49 points of the field, 3 axes; seam; latency)\n", count);
   for (const int which : {1, 3}) {
     const Setting& s = kSettings[which];
@@ -203,10 +206,10 @@ void coverage(int count) {
     int refused = 0;
     const int runs = which == 3 ? std::max(1, count / 5) : count;
     for (int k = 0; k < runs; ++k) {
-      auto c = rig::profilometer_cell(5000 + std::uint64_t(k));
+      auto c = rig::profilometer_cell(first + std::uint64_t(k));
       c.plate.columns_count = 12, c.plate.rows_count = 10, c.plate.pitch_mm = 8, c.plate.large = {{{5, 4}, {8, 4}, {5, 6}}}, c.plate.sd_mm = 0;
       const auto recipe = recipe_for(c, s);
-      const auto views = rig::views_of(c, all_passes(c, s), 5000 + std::uint64_t(k));
+      const auto views = rig::views_of(c, all_passes(c, s), first + std::uint64_t(k));
       const auto r = calibrate_profilometer(recipe, c.plate, views, rig::sheet());
       if (!r) {
         ++refused;
@@ -328,7 +331,7 @@ int main(int argc, char** argv) {
     fmt::print("captures.yaml, monday.yaml (nothing moved), slipped.yaml (0.2 mm), mm/captures.yaml (depths 2 % short); true flange_sensor {}, latency {:.3f} ms\n", rig::pose_yaml(t), 1000 * c.latency_s);
   } else if (what == "published") published(count ? count : 100);
   else if (what == "convergence") convergence(count ? count : 200);
-  else if (what == "coverage") coverage(count ? count : 500);
+  else if (what == "coverage") coverage(count ? count : 500, argc > 3 ? std::strtoull(argv[3], nullptr, 10) : 5000);
   else if (what == "faults") faults(count ? count : 20);
   else {
     fmt::print("study_profilometer published | convergence | coverage | faults [count]\n");

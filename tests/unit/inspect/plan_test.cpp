@@ -232,7 +232,7 @@ TEST(Inspect, every_refusal_has_its_case) {
   }
 }
 
-TEST(Inspect, DISABLED_an_arm_that_cannot_leave_home_is_refused_with_what_is_in_the_way) {
+TEST(Inspect, an_arm_that_cannot_leave_home_is_refused_with_what_is_in_the_way) {
   InspectScene s = block_scene();
   keep_front_edge(s);
   // a cage about all that moves beyond the forearm at home, with a window for the forearm
