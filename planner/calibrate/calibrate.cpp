@@ -20,6 +20,7 @@ namespace {
 
 constexpr double kFree = std::numeric_limits<double>::infinity();
 constexpr double kScaleLimit_ratio = 0.005;
+constexpr double kTold_ratio = 0.05;  // lengths known worse than this are not told at all
 
 bool is_board(TargetKind k) { return k == TargetKind::checkerboard || k == TargetKind::charuco || k == TargetKind::circle_grid; }
 
@@ -57,10 +58,12 @@ struct FreeConstant {
 };
 
 /// The same solve with one more constant of the sensor free.
-FreeConstant with_free(const NetworkRecipe& recipe, Network n, const NetworkState& state, const std::vector<SensorConstant>& free) {
+/// `are_sds_held`: at those of the solve, so that nothing but the constant can take up what it explains.
+FreeConstant with_free(const NetworkRecipe& recipe, Network n, const NetworkState& state, const std::vector<SensorConstant>& free, bool are_sds_held = false) {
   for (const SensorConstant c : free) n.sensor_sd[c] = kFree;
   NetworkRecipe quick = recipe;
   quick.rounds_count = 2;
+  if (are_sds_held) quick.belief_count = 1e6;
   const NetworkSolution s = solve_network(quick, n, state);
   return {s.state.sensor[free.front()], std::sqrt(std::max(0.0, s.covariance(12 + free.front(), 12 + free.front()))), s.cost, s.sensor_sd, s.state};
 }
@@ -195,10 +198,10 @@ Result<Done<CalibrationResult>> calibrate(const CalibrationRequest& job, const C
   }
   // lengths by the robot's own moves
   if (!arm && job.target.kind != TargetKind::tip && c.network.sight != Sight::plane) {
-    const FreeConstant f = with_free(sds, o.network, state, {kScale});
-    out.scale_ratio = 1 + f.value, out.scale_sd_ratio = f.sd;
+    const FreeConstant f = with_free(sds, o.network, state, {kScale}, true);
+    if (f.sd < kTold_ratio) out.scale_ratio = 1 + f.value, out.scale_sd_ratio = f.sd;  // else the captures do not tell it
     const bool is_camera = c.network.sight == Sight::pixel;
-    if (std::abs(f.value) > kScaleLimit_ratio && std::abs(f.value) > 4 * f.sd) {
+    if (out.scale_ratio && std::abs(f.value) > kScaleLimit_ratio && std::abs(f.value) > 4 * f.sd) {
       const std::string message =
           is_camera ? fmt::format("by the robot's moves the board's pitch is {} % of what is given ({} mm instead of {}), sd {} %; measure the board", fixed_number(100 * (1 + f.value), 2),
                                   fixed_number(job.target.pitch_mm * (1 + f.value), 4), fixed_number(job.target.pitch_mm, 4), fixed_number(100 * f.sd, 2))
@@ -207,7 +210,7 @@ Result<Done<CalibrationResult>> calibrate(const CalibrationRequest& job, const C
                                   o.length_ratio ? fmt::format(" (by the target's own lengths {} %)", fixed_number(100 * *o.length_ratio, 2)) : std::string());
       return refuse({.code = "calibrate.scale_wrong", .where = "captures", .message = message, .measured = 100 * (1 + f.value), .limit = 100 * (1 + kScaleLimit_ratio), .unit = "%", .stage = "input"});
     }
-    if (std::abs(f.value) > 3 * f.sd && std::abs(f.value) > 5e-4)
+    if (out.scale_ratio && std::abs(f.value) > 3 * f.sd && std::abs(f.value) > 5e-4)
       notes.push_back({.level = Note::Level::warning,
                        .code = "calibrate.scale",
                        .text = fmt::format("{} {} % of the given, sd {} %, by the robot's moves", is_camera ? "the board's pitch is" : "the sensor's lengths are", fixed_number(100 * (1 + f.value), 3),
@@ -225,10 +228,10 @@ Result<Done<CalibrationResult>> calibrate(const CalibrationRequest& job, const C
                    .unit = "%",
                    .stage = "input"});
   if (c.network.sight == Sight::sphere) {
-    const FreeConstant f = with_free(sds, o.network, state, {kRadius});
-    out.radius_mm = f.value, out.radius_sd_mm = f.sd;
+    const FreeConstant f = with_free(sds, o.network, state, {kRadius}, true);
+    if (f.sd < kTold_ratio * job.target.diameter_mm) out.radius_mm = f.value, out.radius_sd_mm = f.sd;
     const double bias = f.value - job.target.diameter_mm / 2;
-    if (std::abs(bias) > 3 * f.sd && std::abs(bias) > 0.02)
+    if (out.radius_mm && std::abs(bias) > 3 * f.sd && std::abs(bias) > 0.02)
       notes.push_back({.level = Note::Level::warning,
                        .code = "calibrate.radius_bias",
                        .text = fmt::format("with its radius free the ball comes out at {} mm, certified {} mm: the sensor sees its surface {} mm too {}", fixed_number(f.value, 3),
