@@ -6,6 +6,7 @@
 #include <cmath>
 #include <filesystem>
 #include <map>
+#include <tuple>
 
 #include "planner/pipeline/store.hpp"
 
@@ -58,6 +59,19 @@ Result<std::vector<ReadProgram>> read_programs(const std::vector<std::string>& f
     else
       groups[{*language, end == ".cnd" ? "" : (path.parent_path() / path.stem()).string()}].push_back(path);
   }
+  // NAME_1, NAME_2, .. are modules and pages of NAME, where that is given too
+  for (auto it = groups.begin(); it != groups.end();) {
+    const auto& [language, stem] = it->first;
+    const std::size_t at = stem.rfind('_');
+    const bool is_numbered = at != std::string::npos && at + 1 < stem.size() && stem.find_first_not_of("0123456789", at + 1) == std::string::npos;
+    const auto whole = is_numbered ? groups.find({language, stem.substr(0, at)}) : groups.end();
+    if (whole == groups.end()) {
+      ++it;
+      continue;
+    }
+    whole->second.insert(whole->second.end(), it->second.begin(), it->second.end());
+    it = groups.erase(it);
+  }
   // UFRAME.CND belongs to every job beside it
   if (const auto loose = groups.find({Language::inform, ""}); loose != groups.end() && groups.size() > 1) {
     for (auto& [key, group] : groups)
@@ -70,9 +84,10 @@ Result<std::vector<ReadProgram>> read_programs(const std::vector<std::string>& f
     ReadProgram read;
     read.text.language = key.first;
     for (const auto& path : group) read.text.files.push_back({path.filename().string(), read_file_whole(path).value_or("")});
-    std::stable_sort(read.text.files.begin(), read.text.files.end(), [](const ProgramFile& a, const ProgramFile& b) {  // the main program first
-      const auto rank = [](const ProgramFile& f) { return lower(f.name).ends_with(".dat") || lower(f.name).ends_with(".cnd"); };
-      return rank(a) < rank(b);
+    const std::string main = lower(std::filesystem::path(key.second).filename().string());
+    std::stable_sort(read.text.files.begin(), read.text.files.end(), [&](const ProgramFile& a, const ProgramFile& b) {  // the main program first
+      const auto rank = [&](const ProgramFile& f) { return lower(f.name).ends_with(".dat") || lower(f.name).ends_with(".cnd") ? 2 : lower(std::filesystem::path(f.name).stem().string()) == main ? 0 : 1; };
+      return std::tuple(rank(a), a.name.size(), lower(a.name)) < std::tuple(rank(b), b.name.size(), lower(b.name));  // _2 before _10
     });
     const Post* post = find_post(key.first);
     if (!post) return refuse({.code = "post.unknown_language", .where = group.front().string(), .message = "there is no reader for this language", .stage = "post"});

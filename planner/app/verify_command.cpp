@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <optional>
 
 #include "planner/app/commands.hpp"
 #include "planner/app/programs.hpp"
@@ -58,12 +59,34 @@ Result<std::vector<Check>> checks_against(const Json& result, const ReadProgram&
   return checks;
 }
 
+/// The header of a program names its inputs by the first digits of their hashes: the cell and the calibration it is checked with must be among
+/// them. None where it names no inputs: then nothing says what it was made from.
+std::optional<std::vector<Check>> provenance(const Program& program, const std::filesystem::path& cell, const std::filesystem::path& calibration) {
+  std::vector<std::string> digests;
+  for (const std::string& line : program.header)
+    if (line.rfind("input ", 0) == 0) digests.push_back(line.substr(6, line.find(' ', 6) - 6));
+  if (digests.empty()) return std::nullopt;
+  std::vector<Check> checks;
+  for (const auto& [name, file] : {std::pair{"provenance.cell", cell}, std::pair{"provenance.calibration", calibration}}) {
+    if (file.empty()) continue;
+    const std::string sha = sha256_hex(read_file_whole(file).value_or(""));
+    const bool is_named = std::any_of(digests.begin(), digests.end(), [&](const std::string& d) { return d.size() >= 12 && sha.rfind(d, 0) == 0; });
+    checks.push_back({name, is_named ? 0.0 : 1.0, 0, "files", is_named ? "" : file.filename().string() + " is not the one the program was made from", is_named});
+  }
+  return checks;
+}
+
+/// The calibration that is used: the one asked for, or the one beside the cell.
+std::filesystem::path calibration_file(const std::string& cell, const std::string& calibration) {
+  if (!calibration.empty()) return calibration;
+  const std::filesystem::path beside = std::filesystem::path(cell).parent_path() / "calibration.yaml";
+  return std::filesystem::exists(beside) ? beside : std::filesystem::path();
+}
+
 }  // namespace
 
 Result<CellSpec> calibrated_cell(const std::string& cell, const std::string& calibration, Console& console) {
-  std::filesystem::path file = calibration;
-  const std::filesystem::path beside = std::filesystem::path(cell).parent_path() / "calibration.yaml";
-  if (file.empty() && std::filesystem::exists(beside)) file = beside;
+  const std::filesystem::path file = calibration_file(cell, calibration);
   auto loaded = load_cell(cell, {true, today_iso()}, file);
   if (!loaded) return refuse_all(loaded.error());
   console.say(file.empty() ? "no calibration: the tools' nominal poses are used" : "calibration: " + file.string());
@@ -93,6 +116,8 @@ int verify_command(const VerifyArguments& a, Console& console) {
     Verdict verdict = verify_program(*cell, read.program);
     const auto lint = find_post(read.text.language)->lint(read.text, context);
     verdict.checks.insert(verdict.checks.end(), lint.begin(), lint.end());
+    const auto made_from = provenance(read.program, a.cell, calibration_file(a.cell, a.calibration));
+    if (made_from) verdict.checks.insert(verdict.checks.end(), made_from->begin(), made_from->end());
     if (!a.result.empty()) {
       const auto more = checks_against(result, read, *cell);
       if (!more) return console.complain(more.error()), 2;
@@ -104,7 +129,9 @@ int verify_command(const VerifyArguments& a, Console& console) {
       if (!c.is_passed || c.name.rfind("lint.", 0) != 0)
         rows.push_back({c.name, fmt::format("{:.5g}", c.measured), fmt::format("{:.5g}", c.limit), c.unit, c.is_passed ? "yes" : "NO", c.where});
     text += fmt::format("{} ({}): {}\n", read.text.files.front().name, name_of(read.text.language), verdict.is_ok() ? "every check passed" : "NOT every check passed") + text_table(rows);
+    if (!made_from) text += "no provenance: the program's header does not say which cell and calibration it was made from\n";
     Json row{{"file", read.text.files.front().name}, {"language", std::string(name_of(read.text.language))}, {"ok", verdict.is_ok()}};
+    row["provenance"] = !made_from ? "none" : std::all_of(made_from->begin(), made_from->end(), [](const Check& c) { return c.is_passed; }) ? "agrees" : "differs";
     row["verdict"] = to_json(verdict);
     json["programs"].push_back(std::move(row));
   }

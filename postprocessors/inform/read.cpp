@@ -416,7 +416,7 @@ class Reader {
   std::array<double, 6> posture(const Line& line, const Position& p) {
     const ToolSpec* tool = find_tool(line, p.tool);
     const auto flip = machine("flip") == "b_axis" ? FlipRule::b_axis : FlipRule::r_axis;
-    if (p.flags.size() < 6) fail(line, "read.movj_cartesian", "MOVJ to a Cartesian position needs its six flags of RCONF");
+    must(p.flags.size() >= 6, "a Cartesian position without the flags that its line was read with");
     const auto T = (p.user < 0 ? Pose<frame::Base, frame::Work>() : user_frames_.at(p.user)) * p.T_work_tool;
     return arm_.one(line, T, *tool, [&](const std::array<double, 6>& q_deg) {
       JointVector q{};

@@ -98,8 +98,8 @@ class Reader {
 
   // motions
   void joint(Scanner& s);
-  /// PTP to a frame: the joint values by status and turn. T holds the signs of all axes; of S the wrist in front or behind (bit 0) and the
-  /// sign of A5 (bit 2) are used, which documents agree about; the elbow (bit 1) is left to T and to the limits, or the target is refused.
+  /// PTP to a frame: the joint values by status and turn. T holds the signs of all axes; of S the sign of A5 (bit 2) is used, which
+  /// documents agree about; where signs and limits leave two postures the target is refused.
   std::array<double, 6> posture(const Line& line, const Components& c);
   Components cartesian(Scanner& s);
   void path(Scanner& s, bool is_arc, bool is_spline);

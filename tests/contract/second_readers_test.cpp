@@ -79,7 +79,7 @@ TEST(PostSecondOpinion, foreign_readers_see_the_same_motions) {
 }
 
 /// The ISO part of Beckhoff programs in the interpreter of a machine control, where it is installed (rs274 of linuxcnc-uspace; RS274
-/// names it elsewhere): the canonical motions it makes are the planned ones, in the work frame. Commands with # and the G words it
+/// names it elsewhere, as in `apt-get download linuxcnc-uspace; dpkg -x linuxcnc-uspace*.deb DIR; export RS274=DIR/usr/bin/rs274`): the canonical motions it makes are the planned ones, in the work frame. Commands with # and the G words it
 /// does not know are taken out first; its exit status says nothing, its text does.
 TEST(PostSecondOpinion, an_iso_interpreter_makes_the_same_motions) {
   const char* asked = std::getenv("RS274");
@@ -161,13 +161,19 @@ TEST(PostSecondOpinion, an_iso_interpreter_makes_the_same_motions) {
       T_base_work = frames.at(k);
       const auto& [call, v] = calls[k++];
       ++motions;
-      if (!line && !arc) continue;
+      if (const auto* joint = std::get_if<MoveJoint>(&i)) {
+        ASSERT_EQ(call, "STRAIGHT_FEED") << "seed " << seed;
+        for (std::size_t n = 0; n < 6; ++n) ASSERT_NEAR(v[n], deg_from_rad(joint->q_rad[n]), 0.000061) << "seed " << seed;
+        continue;
+      }
       ASSERT_EQ(call, line ? "STRAIGHT_FEED" : "ARC_FEED") << "seed " << seed;
       ASSERT_NEAR(v[v.size() - 2], (line ? line->speed_mm_s : arc->speed_mm_s) * 60, 0.0051);
       ASSERT_NEAR(v.back(), rpm, 0.5);
       const Vec3 end = (T_base_work.inverse() * (line ? line->T_base_tool : arc->T_base_tool)).p_mm;
       if (line) {
         ASSERT_LT((Vec3(v[0], v[1], v[2]) - end).cwiseAbs().maxCoeff(), 0.00061) << "seed " << seed;
+        const Eigen::Quaterniond q = quat_from_zyx(rad_from_deg(v[3]), rad_from_deg(v[4]), rad_from_deg(v[5]));  // the test cell's A B C by cba
+        ASSERT_LT(quat_log((T_base_work.q * q).conjugate() * line->T_base_tool.q).norm(), 2e-6) << "seed " << seed;
         before = end;
         continue;
       }

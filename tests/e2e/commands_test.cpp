@@ -142,6 +142,37 @@ TEST(CommandLine, stages_of_one_item_use_one_store) {
   const test::Ran verified = run_program(words);
   EXPECT_EQ(verified.status, 0) << verified.out << verified.err;
   EXPECT_EQ(Json::parse(verified.out, nullptr, false).at("programs").size(), 3u);
+  for (const Json& p : Json::parse(verified.out, nullptr, false).at("programs")) EXPECT_EQ(p.at("provenance"), "agrees");
+
+  // another calibration file than the one the program was made from, and a program that does not say what it was made from
+  const std::filesystem::path dat = src.parent_path() / (src.stem().string() + ".dat"), calibration = made->artefact.parent_path() / "calibration.yaml";
+  test::write_text(calibration.parent_path() / "other.yaml", test::read_text(calibration) + "# typed in again\n");
+  const test::Ran other = run_program({"verify", src, dat, "--cell", cell, "--calibration", calibration.parent_path() / "other.yaml", "--json"});
+  EXPECT_EQ(other.status, 3) << other.out << other.err;
+  EXPECT_EQ(Json::parse(other.out, nullptr, false).at("programs").at(0).at("provenance"), "differs");
+  EXPECT_NE(other.out.find("provenance.calibration"), std::string::npos);
+  std::string bare = test::read_text(src);
+  for (std::size_t at = bare.find("  ; "); at != std::string::npos; at = bare.find("  ; ")) bare.erase(at, bare.find('\n', at) + 1 - at);
+  test::write_text(folder.path / "bare" / src.filename(), bare);
+  std::filesystem::copy_file(dat, folder.path / "bare" / dat.filename());
+  const test::Ran unsaid = run_program({"verify", folder.path / "bare" / src.filename(), folder.path / "bare" / dat.filename(), "--cell", cell, "--json"});
+  EXPECT_EQ(unsaid.status, 0) << unsaid.out << unsaid.err;
+  EXPECT_EQ(Json::parse(unsaid.out, nullptr, false).at("programs").at(0).at("provenance"), "none");
+
+  // modules of one program are read as one
+  std::string small = test::read_text(cell);
+  small.replace(small.find("language: krl"), 13, "language: krl\n  krl: {max_lines: 50}");
+  test::write_text(cell, small);
+  ASSERT_EQ(run_program({"batch", batch, "--out", folder.path / "small", "--post", "krl", "--quiet"}).status, 0);
+  std::vector<std::string> modules{"verify"};
+  for (const auto& entry : std::filesystem::directory_iterator(folder.path / "small" / "good" / "programs" / "krl")) modules.push_back(entry.path());
+  EXPECT_GT(modules.size(), 4u);
+  modules.insert(modules.end(), {"--cell", cell, "--json"});
+  const test::Ran split = run_program(modules);
+  EXPECT_EQ(split.status, 0) << split.out << split.err;
+  EXPECT_EQ(Json::parse(split.out, nullptr, false).at("programs").size(), 1u);
+  small.replace(small.find("\n  krl: {max_lines: 50}"), 23, "");
+  test::write_text(cell, small);
 
   const test::Ran drawing = run_program({"compare", item, "--json"});
   EXPECT_EQ(drawing.status, 0);

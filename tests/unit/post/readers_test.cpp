@@ -3,6 +3,12 @@
 // programs that must be refused, each with its code and line.
 #include <gtest/gtest.h>
 
+#include <filesystem>
+#include <fstream>
+#include <regex>
+#include <set>
+#include <sstream>
+
 #include "planner/base/number.hpp"
 #include "planner/verify/arm.hpp"
 #include "tests/support/post_programs.hpp"
@@ -274,6 +280,13 @@ const Bad kBad[] = {
     {Language::beckhoff, "read.spline", "#CS ON [1]", "#CS ON [1]\r\n#HSC ON [BSPLINE PATH_DEV=0.010]\r\n#HSC OFF"},
     {Language::beckhoff, "read.arc", "#CS ON [1]", "#CS ON [1]\r\nG17 G02 X0 Y0 Z0 A0 B0 C0 I1 J1 F100"},
     {Language::beckhoff, "read.rapid", "#CS ON [1]", "#CS ON [1]\r\nG00 X0 Y0 Z0 A0 B0 C0"},
+    {Language::inform, "read.tool", "///TOOL 1", "///TOOL 2"},
+    {Language::beckhoff, "read.name", "%PART_2", "%L A\r\nM17\r\n%L A\r\nM17\r\n%PART_2"},
+    {Language::nci, "read.arc", "N90 G01", "N90 G17 G02"},
+    {Language::ur, "read.file", "", "", "+"},
+    {Language::ur, "read.missing", "end\n", ""},
+    {Language::ur, "read.range", "v=", "v=-"},
+    {Language::ur, "read.unknown", "sleep(", "sleeep("},
     {Language::nci, "read.unknown", "G90 G71", "G91 G71"},
     {Language::nci, "read.unknown", "M05", "#TRAFO ON"},
     {Language::nci, "read.unknown", "M05", "M77"},
@@ -295,6 +308,46 @@ const Bad kBad[] = {
     {Language::beckhoff, "read.missing", "#TRAFO ON\r\n", "#TRAFO ON\r\nG01 X5 F600\r\n"},
     {Language::beckhoff, "read.call", "M05", "LL ELSEWHERE"},
 };
+
+/// Near the stretched arm both elbows have the same signs: which one is meant is not said, and nothing is guessed.
+TEST(PostReaders, two_postures_of_one_status_and_turn_are_refused) {
+  const PostContext context = post_context();
+  int ambiguous = 0;
+  for (double a3 = -20; a3 < 20; a3 += 0.5) {
+    const JointVector q{0, rad_from_deg(-60), rad_from_deg(a3), 0, rad_from_deg(30), 0};
+    const Eigen::Isometry3d T = verifying::Arm(context.cell.robot).flange(q) * context.cell.tools[0].T_flange_tool.matrix();
+    const Mat3 R = T.linear();
+    const auto text = [](double v) { return fixed_number(v, 6); };
+    const std::string target = "{X " + text(T.translation().x()) + ",Y " + text(T.translation().y()) + ",Z " + text(T.translation().z()) + ",A " + text(deg_from_rad(std::atan2(R(1, 0), R(0, 0)))) + ",B " +
+                               text(deg_from_rad(std::atan2(-R(2, 0), std::hypot(R(0, 0), R(1, 0))))) + ",C " + text(deg_from_rad(std::atan2(R(2, 1), R(2, 2)))) + ",S 2,T " + (a3 < 0 ? "6}" : "2}");
+    const std::string src = "&ACCESS RVP\r\nDEF A( )\r\n$TOOL=TOOL_DATA[1]\r\n$BASE=$NULLFRAME\r\nBAS(#VEL_PTP,50)\r\nPTP " + target + "\r\nEND\r\n";
+    const auto p = find_post(Language::krl)->read({Language::krl, {{"A.src", src}}}, context);
+    ambiguous += !p && p.error().front().code == "read.ambiguous";
+  }
+  EXPECT_GT(ambiguous, 5);
+}
+
+/// The codes in the source of each reader, and the cases here; those with machine values of their own are in preamble_test.cpp.
+TEST(PostReaders, every_code_has_a_case) {
+  namespace fs = std::filesystem;
+  std::set<std::pair<std::string, std::string>> cases = {{"inform", "read.tool_data"}, {"beckhoff", "read.check"}};
+  std::set<std::string> any = {"read.ambiguous"};  // above
+  for (const Bad& b : kBad) cases.insert({std::string(name_of(b.language)), b.code}), any.insert(b.code);
+  const std::regex code("\"(read\\.[a-z_]+)\"");
+  int found = 0;
+  for (const auto& e : fs::recursive_directory_iterator("postprocessors")) {
+    if (e.path().extension() != ".cpp" && e.path().extension() != ".hpp") continue;
+    std::ostringstream s;
+    s << std::ifstream(e.path()).rdbuf();
+    const std::string text = s.str(), dialect = e.path().parent_path().filename().string();
+    for (std::sregex_iterator i(text.begin(), text.end(), code), end; i != end; ++i, ++found) {
+      const std::string name = (*i)[1];
+      if (dialect == "postprocessors") EXPECT_TRUE(any.count(name)) << e.path() << ": " << name << " has no case";
+      else EXPECT_TRUE(cases.count({dialect, name})) << e.path() << ": " << name << " has no case in " << dialect;
+    }
+  }
+  EXPECT_GT(found, 200);
+}
 
 TEST(PostReaders, what_they_cannot_read_is_named_with_its_line) {
   for (const Bad& b : kBad) {
