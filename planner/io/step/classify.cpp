@@ -30,6 +30,46 @@ void normals_along(const Body& body, int face, const std::vector<Vec3>& p, std::
     out[i] = sign * g.n;
     off_mm = std::max(off_mm, (g.p - p[i]).norm());
   }
+  // An apex or a pole at an end has no normal of its own: the one a little inside counts.
+  const std::size_t n = p.size();
+  for (const std::size_t end : {std::size_t{0}, n - 1}) {
+    const Vec3 chord = p[end ? n - 2 : 1] - p[end];
+    if (n < 2 || chord.norm() < 2 * kNormalReach_mm) continue;
+    const Vec3 inside = sign * walk.at(p[end] + kNormalReach_mm / chord.norm() * chord, std::nullopt).n;
+    if (!is_settled(out[end], inside, rad_from_deg(1))) out[end] = inside;
+  }
+}
+
+/// Gauss's rule of five points on the speed, halved until both agree.
+double gauss_length(const Curve& c, double a, double b, double whole, int depth) {
+  constexpr double x[] = {0, 0.5384693101056831, 0.9061798459386640}, w[] = {0.5688888888888889, 0.4786286704993665, 0.2369268850561891};
+  const auto rule = [&](double l, double h) {
+    const double m = 0.5 * (l + h), r = 0.5 * (h - l);
+    double sum = w[0] * evaluate(c, m).d1.norm();
+    for (int k = 1; k < 3; ++k) sum += w[k] * (evaluate(c, m - r * x[k]).d1.norm() + evaluate(c, m + r * x[k]).d1.norm());
+    return sum * std::abs(r);
+  };
+  const double m = 0.5 * (a + b), left = rule(a, m), right = rule(m, b);
+  if (depth >= 8 || std::abs(left + right - whole) <= 1e-7 * (left + right) + 1e-12) return left + right;
+  return gauss_length(c, a, m, left, depth + 1) + gauss_length(c, m, b, right, depth + 1);
+}
+
+double arc_length(const Curve& c, double a, double b, const Vec3& p_a, const Vec3& p_b) {
+  if (std::holds_alternative<LineCurve>(c.shape) || std::holds_alternative<PolylineCurve>(c.shape)) return (p_b - p_a).norm();
+  if (const auto* circle = std::get_if<CircleCurve>(&c.shape)) return circle->radius_mm * std::abs(b - a);
+  double low = std::min(a, b), sum = 0;
+  const double high = std::max(a, b);
+  if (const auto* s = std::get_if<BSplineCurve>(&c.shape)) {  // the speed jumps or kinks at knots
+    const CurveDomain d = domain(c);
+    const double turns = d.is_closed ? d.period() * std::floor((low - d.t0) / d.period()) : 0;
+    for (int turn = 0; turn < 2; ++turn) {
+      const double shift = turns + turn * d.period();
+      for (auto k = std::upper_bound(s->knots.begin(), s->knots.end(), low - shift); k != s->knots.end() && *k + shift < high; ++k)
+        if (*k + shift > low && *k >= d.t0 && *k <= d.t1) sum += gauss_length(c, low, *k + shift, 0, 0), low = *k + shift;
+      if (!d.is_closed) break;
+    }
+  }
+  return sum + gauss_length(c, low, high, 0, 0);
 }
 
 std::vector<double> finer(const TopoEdge& e, double step_mm, double step_rad) {
@@ -49,6 +89,18 @@ std::vector<double> finer(const TopoEdge& e, double step_mm, double step_rad) {
     out = std::move(more);
   }
   return out;
+}
+
+/// Faces that leave an edge side by side: material between them is a knife, none is a slot; the sign of the cross product cannot tell.
+EdgeKind knife_or_slot(const Body& body, const BrepEdge& b) {
+  const std::size_t m = b.p.size() / 2;
+  const Vec3 n = b.n_1[m], q = b.p[m] + std::min(0.1 * b.length_mm, 0.1) * n.cross(b.tangent[m]).normalized();
+  Vec3 foot[2];
+  for (int k = 0; k < 2; ++k) {
+    const int s = body.faces[static_cast<std::size_t>(k ? b.face_2 : b.face_1)].surface;
+    foot[k] = project(body.surfaces[static_cast<std::size_t>(s)], body.domains[static_cast<std::size_t>(s)], q).p;
+  }
+  return (foot[1] - foot[0]).dot(n) <= 0 ? EdgeKind::sharp_convex : EdgeKind::sharp_concave;
 }
 
 }  // namespace
@@ -73,13 +125,7 @@ std::vector<BrepEdge> classify_edges(const Body& body, double step_mm, double st
     for (std::size_t i = 0; i < t.size(); ++i) {
       const CurvePoint c = evaluate(e.curve, t[i]);
       if (i > 0) {
-        // Arc length by Simpson's rule on the speed.
-        const double dt = t[i] - t[i - 1];
-        if (std::holds_alternative<LineCurve>(e.curve.shape) || std::holds_alternative<PolylineCurve>(e.curve.shape))
-          s += (c.p - b.p.back()).norm();
-        else
-          s += std::abs(dt) / 6 *
-               (evaluate(e.curve, t[i - 1]).d1.norm() + 4 * evaluate(e.curve, 0.5 * (t[i] + t[i - 1])).d1.norm() + c.d1.norm());
+        s += arc_length(e.curve, t[i - 1], t[i], b.p.back(), c.p);
       }
       b.s_mm.push_back(s);
       b.p.push_back(c.p);
@@ -106,6 +152,7 @@ std::vector<BrepEdge> classify_edges(const Body& body, double step_mm, double st
       if (b.fault.empty()) b.fault = "a face beside it could not be read";
     } else {
       b.kind = edge_kind(b.s_mm, b.tangent, b.n_1, b.n_2, b.dihedral_rad);
+      if (b.dihedral_rad > rad_from_deg(179)) b.kind = knife_or_slot(body, b);
       b.is_seam = b.face_1 == b.face_2 && (b.kind == EdgeKind::smooth || b.kind == EdgeKind::near_tangent);
     }
     if (b.n_1.empty()) b.n_1.assign(b.p.size(), Vec3::Zero());

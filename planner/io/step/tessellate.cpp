@@ -463,7 +463,7 @@ class FaceMesher {
   std::unordered_map<std::uint64_t, float> checked_;  // side -> what it exceeds the tolerances by
   std::unordered_set<std::uint64_t> good_;            // triangles whose centre has been looked at
   std::optional<FootWalk> walk_;
-  std::vector<Vec3> normals_;                         // of chart points; 2, 2, 2: not yet known
+  std::vector<Vec3> normals_;  // of chart points; 2, 2, 2: not yet known
 
  public:
   int crossings_ = 0;

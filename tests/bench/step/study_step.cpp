@@ -67,7 +67,8 @@ int main(int argc, char** argv) {
     }
   }
   std::printf(
-      "%zu samples, %zu over the chord in %d meshes; %zu sides, %zu over the angle (%zu measured a micrometre inside an end without a normal, %zu of them shorter than two); %d of %d solids closed, %d with the right Euler "
+      "%zu samples, %zu over the chord in %d meshes; %zu sides, %zu over the angle (%zu measured a micrometre inside an end without a "
+      "normal, %zu of them shorter than two); %d of %d solids closed, %d with the right Euler "
       "number\n",
       samples, over, files_over, turns, turns_over, singular, short_singular, closed, solids, right);
   return over == 0 && turns_over == 0 && closed == solids && right == solids ? 0 : 1;

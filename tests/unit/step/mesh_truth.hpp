@@ -22,7 +22,7 @@ struct ChordCheck {
   double worst_turn_rad = 0;  // normals of one face at the two ends of a mesh side
   std::size_t samples = 0, over = 0, turns_over = 0, turns = 0;  // over the limits given
   std::size_t singular = 0, short_singular = 0;  // sides held only because an end has no normal of its own; of these shorter than 2 um
-  std::string face, turn_face;                                   // of the worst
+  std::string face, turn_face;                   // of the worst
 };
 
 /// Distance of samples inside the triangles and on their sides from the exact surface of their face: barycentric grid of `n`

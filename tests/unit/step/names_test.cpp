@@ -159,7 +159,8 @@ TEST(Bounds, EdgesFarOffTheirSurfaceCostWhatOthersDo) {  // found by fuzzing: an
   std::vector<int> loop, v;
   for (const Vec3& p : corner) v.push_back(s.vertex(p));
   for (std::size_t k = 0; k < 4; ++k) loop.push_back(s.edge(v[k], v[(k + 1) % 4], s.line(corner[k], corner[(k + 1) % 4])));
-  s.part({s.add("SHELL_BASED_SURFACE_MODEL(''," + s.list({s.add("OPEN_SHELL(''," + s.list({s.face({s.bound(loop)}, wall)}) + ")")}) + ")")});
+  s.part(
+      {s.add("SHELL_BASED_SURFACE_MODEL(''," + s.list({s.add("OPEN_SHELL(''," + s.list({s.face({s.bound(loop)}, wall)}) + ")")}) + ")")});
   const std::clock_t t0 = std::clock();
   const Brep b = brep_of(s.text());
   EXPECT_LT(static_cast<double>(std::clock() - t0) / CLOCKS_PER_SEC, 7);

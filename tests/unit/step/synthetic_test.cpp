@@ -6,9 +6,9 @@
 #include <cmath>
 #include <map>
 
+#include "mesh_truth.hpp"
 #include "planner/base/random.hpp"
 #include "planner/io/step/step_reader.hpp"
-#include "mesh_truth.hpp"
 #include "step_text.hpp"
 #include "variants.hpp"
 
@@ -422,7 +422,8 @@ TEST(Synthetic, AngleIsHeldWhereTheSidesOfASurfaceRunTogether) {
   const int v[4] = {s.vertex(poles[0][0]), s.vertex(poles[3][0]), s.vertex(poles[3][3]), s.vertex(poles[0][3])};
   std::vector<std::vector<Vec3>> sides(4);
   for (std::size_t k = 0; k < 4; ++k)
-    sides[0].push_back(poles[k][0]), sides[1].push_back(poles[3][k]), sides[2].push_back(poles[3 - k][3]), sides[3].push_back(poles[0][3 - k]);
+    sides[0].push_back(poles[k][0]), sides[1].push_back(poles[3][k]), sides[2].push_back(poles[3 - k][3]),
+        sides[3].push_back(poles[0][3 - k]);
   std::vector<int> loop;
   for (std::size_t k = 0; k < 4; ++k) loop.push_back(s.edge(v[k], v[(k + 1) % 4], test::spline_curve(s, 3, sides[k], {4, 4}, {0, 1})));
   const int shell = s.add("OPEN_SHELL(''," + s.list({s.face({s.bound(loop)}, surface)}) + ")");
@@ -437,6 +438,68 @@ TEST(Synthetic, AngleIsHeldWhereTheSidesOfASurfaceRunTogether) {
     EXPECT_GT(c.turns, 100u);
     EXPECT_LT(b.mesh.triangles.size(), 20000u);
   }
+}
+
+TEST(Synthetic, LengthsDoNotDependOnHowACurveIsRunThrough) {
+  // A straight front edge as a spline whose pieces are run through at speeds of 1 to 400: kinks in the speed at every knot.
+  StepText s;
+  const int box = test::add_box(s, {0, 0, 0}, {30, 20, 10});
+  s.part({box});
+  std::vector<Vec3> poles{{0, 0, 0}};
+  std::vector<int> mult{3};
+  std::vector<double> knots{0};
+  double x = 0;
+  for (int k = 1; k <= 60; ++k) {
+    const double next = 30.0 * k / 60, span = k % 3 == 0 ? 0.01 : k % 3 == 1 ? 1 : 4;
+    poles.push_back({x + (k % 2 ? 0.1 : 0.4), 0, 0}), poles.push_back({next, 0, 0});
+    knots.push_back(knots.back() + span), mult.push_back(k == 60 ? 3 : 2);
+    x = next;
+  }
+  const int spline = test::spline_curve(s, 2, poles, mult, knots);
+  std::string text = s.text();
+  const std::size_t edge = text.find("EDGE_CURVE("), comma = text.rfind(",", text.find(",.T.)", edge) - 1);
+  text.replace(comma + 1, text.find(",.T.)", edge) - comma - 1, "#" + std::to_string(spline));
+  const auto r = read_step(text, "made.step");
+  ASSERT_TRUE(r);
+  int splines = 0;
+  for (const BrepEdge& e : r->artefact.edges)
+    if (e.curve_type == "bspline") {
+      ++splines;
+      EXPECT_NEAR(e.length_mm, (e.p.back() - e.p.front()).norm(), 1e-5);
+      for (std::size_t k = 0; k < e.p.size(); ++k) EXPECT_NEAR(e.s_mm[k], (e.p[k] - e.p[0]).norm(), 1e-5);
+    }
+  EXPECT_EQ(splines, 1);
+}
+
+TEST(Synthetic, TangentEdgesIntoAnApexAreSmooth) {
+  // Two flanks with a quarter cone between them, tangent to both: at the apex the cone has no normal.
+  StepText s;
+  const double r = 6, h = 6;
+  const Vec3 apex(0, 0, h), x = Vec3::UnitX(), y = Vec3::UnitY(), z = Vec3::UnitZ();
+  const int a = s.vertex({r, 0, 0}), b = s.vertex({0, r, 0}), top = s.vertex(apex);
+  const Vec3 pa(r, 0, 0), pb(0, r, 0), po(-9, r, 0), pq(r, -9, 0);
+  const int vo = s.vertex(po), vq = s.vertex(pq), vc = s.vertex({-9, -9, 0}), to = s.vertex({-9, 0, h}), tq = s.vertex({0, -9, h}),
+            tc = s.vertex({-9, -9, h});
+  const Vec3 pc(-9, -9, 0), pto(-9, 0, h), ptq(0, -9, h), ptc(-9, -9, h);
+  const int arc = s.edge(a, b, s.circle({0, 0, 0}, z, x, r)), ea = s.edge(a, top, s.line(pa, apex)), eb = s.edge(b, top, s.line(pb, apex));
+  const int bo = s.edge(b, vo, s.line(pb, po)), oc = s.edge(vo, vc, s.line(po, pc)), cq = s.edge(vc, vq, s.line(pc, pq)),
+            qa = s.edge(vq, a, s.line(pq, pa));
+  const int o_up = s.edge(vo, to, s.line(po, pto)), c_up = s.edge(vc, tc, s.line(pc, ptc)), q_up = s.edge(vq, tq, s.line(pq, ptq));
+  const int t1 = s.edge(top, to, s.line(apex, pto)), t2 = s.edge(to, tc, s.line(pto, ptc)), t3 = s.edge(tc, tq, s.line(ptc, ptq)),
+            t4 = s.edge(tq, top, s.line(ptq, apex));
+  const auto plane = [&](const Vec3& p, const Vec3& n) {
+    const Vec3 u = std::abs(n.x()) < 0.9 ? Vec3((x - n * n.x()).normalized()) : Vec3((y - n * n.y()).normalized());
+    return s.add("PLANE(''," + s.ref(s.axes(p, n, u)) + ")");
+  };
+  const int cone = s.add("CONICAL_SURFACE(''," + s.ref(s.axes({0, 0, 0}, -z, x)) + ",6.," + s.real(kPi / 4) + ")");
+  s.part({s.solid({s.face({s.bound({arc, eb, -ea})}, cone), s.face({s.bound({bo, o_up, -t1, -eb})}, plane(pb, Vec3(0, 1, 1).normalized())),
+                   s.face({s.bound({qa, ea, -t4, -q_up})}, plane(pa, Vec3(1, 0, 1).normalized())),
+                   s.face({s.bound({oc, c_up, -t2, -o_up})}, plane(po, -x)), s.face({s.bound({cq, q_up, -t3, -c_up})}, plane(pq, -y)),
+                   s.face({s.bound({t1, t2, t3, t4})}, plane(apex, z)), s.face({s.bound({-qa, -cq, -oc, -bo, -arc})}, plane(pc, -z))})});
+  const Brep part = read(s).artefact;
+  EXPECT_EQ(part.open_edges_count, 0);
+  EXPECT_EQ(kinds(part)["smooth"], 2);
+  EXPECT_EQ(kinds(part)["sharp_convex"], 12);
 }
 
 }  // namespace
