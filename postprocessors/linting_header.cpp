@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // What the header of a program states of tool, frame and controller, held against the cell and against the program itself. A header that
-// states nothing (a program of another origin) breaks no rule.
+// states nothing (a program of another origin) breaks no rule: only lines in the form of a statement are taken for one.
 #include <cmath>
 #include <charconv>
 
@@ -131,9 +131,12 @@ void header_rules(Findings& findings, const Program& program, const PostContext&
   Header h{findings, program, context, language, {}};
   for (const std::string& text : program.header) {
     const std::string_view line(text);
-    if (line.starts_with("tool ")) h.tool(line);
-    else if (line.starts_with("frame ")) h.frame(line);
-    else if (line.starts_with("controller ")) h.controller(line);
+    const bool has_pose = line.find(": ") < line.find(" mm, ZYX ") && line.find(" mm, ZYX ") != std::string_view::npos;
+    bool has_language = false;
+    for (const Language l : kLanguages) has_language |= line.starts_with("controller " + std::string(name_of(l)) + ": ");
+    if (line.starts_with("tool ") && has_pose) h.tool(line);
+    else if (line.starts_with("frame ") && has_pose) h.frame(line);
+    else if (has_language) h.controller(line);
     else if (line == "not run on a controller" || line.starts_with("run on a controller")) h.run(line);
   }
   if (h.has_tool)

@@ -2,7 +2,7 @@
 // The dialects of items that `asbuilt batch` emitted: each against the plan, each against each other in base, and the moves that foreign parsers
 // see in the same files.
 //
-//   study_agreement WORK [BATCH.yaml OUT]..     writes WORK/ITEM/{cell.json,expected.json,krl,inform,beckhoff} for tests/contract/second_readers.py
+//   study_agreement WORK [BATCH.yaml OUT]..     writes WORK/N-ITEM/{cell.json,expected.json,krl,inform,beckhoff} for tests/contract/second_readers.py
 #include <cmath>
 #include <fstream>
 
@@ -136,7 +136,7 @@ int main(int argc, char** argv) {
         std::printf("%-14s %s against %s: %.6f mm, %.7f deg, %.5f mm/s, joints %.4f of their digits, events %s\n", r.item_id.c_str(), std::string(name_of(post_p.language)).c_str(),
                     std::string(name_of(post_q.language)).c_str(), mm, deg_from_rad(rad), feed, joint, p.events == q.events ? "the same" : "NOT the same");
       }
-    if (is_one_plan) write_work(std::filesystem::path(argv[1]) / r.item_id, r, context, shaped.empty() ? *r.program : shaped[0].second);
+    if (is_one_plan) write_work(std::filesystem::path(argv[1]) / (std::to_string(items) + "-" + r.item_id), r, context, shaped.empty() ? *r.program : shaped[0].second);
   });
   std::printf("%d items, %d faults\n", items, faults);
   return is_read && items > 0 && faults == 0 ? 0 : 1;

@@ -68,7 +68,8 @@ const Case kCases[] = {
     {"another user frame", "G-15", {Language::inform},
      [](Program& p, PostContext& c) { c.cell.controller.options["inform.user_frame"] = "4", p.header[2].replace(p.header[2].find("1000.000"), 8, "1000.002"); }, {}},
     {"no frame stated", "G-15", kAll, [](Program& p, PostContext&) { p.header.erase(p.header.begin() + 2); }, {}},
-    {"another language", "G-16", kAll, [](Program& p, PostContext&) { p.header[3].replace(0, p.header[3].find(':'), "controller plc"); }, {}},
+    {"another language", "G-16", kByNumber, [](Program& p, PostContext&) { p.header[3].replace(0, p.header[3].find(':'), "controller ur"); }, {}},
+    {"no language", "G-16", kAll, [](Program& p, PostContext&) { p.header[3].replace(0, p.header[3].find(':'), "controller plc"); }, {}},
     {"no controller stated", "G-16", kAll, [](Program& p, PostContext&) { p.header.erase(p.header.begin() + 3); }, {}},
     {"another version", "G-16", {Language::krl}, {}, [](PostContext& c) { c.cell.controller.options["krl.version"] = "KRC2"; }},
     {"units six times too fast", "G-16", {Language::inform}, {}, [](PostContext& c) { c.cell.controller.speed_unit = SpeedUnit::cm_min; }},
@@ -110,7 +111,7 @@ TEST(PostPreamble, a_header_that_states_nothing_breaks_no_rule) {
   for (const Language language : kAll) {
     PostContext context = post_context();
     Program p = stated(language, context);
-    p.header = {"made by hand", "tools are sharp", "controllers vary"};
+    p.header = {"made by hand", "tool 7 is sharp", "frame of mind: good", "controller: new"};
     const auto text = find_post(language)->write(p, context);
     for (const Check& c : find_post(language)->lint(*text, context)) EXPECT_TRUE(c.is_passed) << c.name << " " << c.where;
   }
