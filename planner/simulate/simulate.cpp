@@ -420,6 +420,7 @@ Result<Done<std::filesystem::path>> simulate(const Scenario& sc, const std::file
   t["width_mm"] = part.width_mm, t["tolerance_mm"] = part.tolerance_mm;
   t["captures"] = captures_truth;
   t["edges"] = Json::array();
+  for (std::size_t i = 0; i < cell.sensors.size(); ++i) t["flange_sensors"][cell.sensors[i].id] = {{"true", to_json(mount_true[i])}, {"given", to_json(mount_given[i])}};
   t["robot_seed"] = sc.seed, t["flange_tool_true"] = to_json(tool_true), t["flange_tool_given"] = to_json(tool_given);
   for (std::size_t i = 0; i < edges.size(); ++i) {
     const TrueEdge& e = edges[i];
@@ -431,6 +432,7 @@ Result<Done<std::filesystem::path>> simulate(const Scenario& sc, const std::file
     }
     t["edges"].push_back({{"id", e.id}, {"feature", e.feature}, {"s", s}, {"p", p}, {"n_1", n1}, {"n_2", n2}, {"burr_height", h}, {"burr_width", w}});
   }
+  write_stl(truth / "scene.stl", scene);  // what the sensors saw, in base
   write_text(truth / "truth.json", t.dump() + "\n");
   return Done<std::filesystem::path>{batch / "batch.yaml", {}};
 }
