@@ -17,6 +17,7 @@
 #include <numeric>
 
 #include "planner/base/number.hpp"
+#include "planner/fuse/links.hpp"
 
 namespace asbuilt {
 namespace {
@@ -251,6 +252,20 @@ Prepared prepare(const Points& raw, const SensorSpec& sensor, const FuseRecipe& 
   return out;
 }
 
+/// What ties the captures together, and which hang on the robot's word alone.
+void say_links(const MeasuredCloud& cloud, std::vector<Note>& notes) {
+  std::vector<CaptureLink> links = capture_links(cloud);
+  std::vector<char> is_tied(cloud.captures.size(), 0);
+  for (const CaptureLink& l : links) is_tied[static_cast<std::size_t>(l.first)] = is_tied[static_cast<std::size_t>(l.second)] = 1;
+  std::stable_sort(links.begin(), links.end(), [](const CaptureLink& a, const CaptureLink& b) { return a.sd_mm[5] > b.sd_mm[5]; });
+  std::string text = std::to_string(links.size()) + " pairs of captures share surface";
+  for (std::size_t i = 0; i < links.size() && i < 5; ++i) text += (i == 0 ? "; known least by what they share: " : "; ") + links[i].text;
+  notes.push_back({Note::Level::note, "fuse.links", text + ".", "captures"});
+  for (std::size_t k = 0; k < cloud.captures.size(); ++k)
+    if (!is_tied[k] && cloud.captures[k].end > cloud.captures[k].begin)
+      notes.push_back({Note::Level::note, "fuse.capture_alone", "The capture shares no surface with another: its place is the robot's word alone.", cloud.captures[k].name});
+}
+
 }  // namespace
 
 Result<Done<MeasuredCloud>> fuse(const FuseRecipe& recipe, const Job& job, const FrameSource& frames) {
@@ -360,6 +375,7 @@ Result<Done<MeasuredCloud>> fuse(const FuseRecipe& recipe, const Job& job, const
                    .limit = static_cast<double>(recipe.min_points_count),
                    .unit = "points",
                    .stage = "fuse"});
+  if (cloud.captures.size() > 1) say_links(cloud, done.notes);
   return done;
 }
 

@@ -9,6 +9,7 @@
 #include <limits>
 
 #include "planner/base/random.hpp"
+#include "planner/fuse/links.hpp"
 
 namespace asbuilt {
 namespace {
@@ -177,6 +178,50 @@ TEST(FuseRefuses, a_sensor_without_calibration) {
   const auto done = fuse({}, job);
   ASSERT_FALSE(done);
   EXPECT_EQ(done.error()[0].code, "fuse.not_calibrated");
+}
+
+/// Two captures of faces with the given normals, one of them shifted.
+MeasuredCloud two_captures(const std::vector<Vec3>& normals, const Vec3& shift, double noise_mm) {
+  MeasuredCloud cloud;
+  cloud.captures.resize(2);
+  Random random(4);
+  for (int k = 0; k < 2; ++k) {
+    cloud.captures[std::size_t(k)].name = k ? "b.ply" : "a.ply", cloud.captures[std::size_t(k)].noise_mm = noise_mm;
+    for (const Vec3& n : normals) {
+      const Eigen::Quaterniond q = quat_from_z(n, n.unitOrthogonal());
+      for (int i = 0; i < 60; ++i)
+        for (int j = 0; j < 60; ++j) {
+          cloud.p_base.push_back(Vec3(300, 20, 100) + q * Vec3(0.5 * i - 15, 0.5 * j - 15, 20 + noise_mm * random.normal()) + (k ? shift : Vec3(0, 0, 0)));
+          cloud.n_base.push_back(n.cast<float>()), cloud.sigma_mm.push_back(float(noise_mm)), cloud.capture.push_back(k);
+        }
+    }
+  }
+  return cloud;
+}
+
+TEST(Links, a_flat_face_tells_no_sliding_and_a_corner_tells_all) {
+  const Vec3 up(0, 0, 1);
+  const auto flat = capture_links(two_captures({up}, Vec3(0.2, 0.1, 0.05), 0.02));
+  ASSERT_EQ(flat.size(), 1u);
+  EXPECT_NEAR(flat[0].rms_mm, 0.05, 0.02);
+  EXPECT_LT(flat[0].sd_mm[0], 0.02);
+  EXPECT_GT(flat[0].sd_mm[5], 10) << flat[0].text;
+  EXPECT_LT(std::abs(flat[0].weakest[2]), 0.05) << "what is not told lies in the face";
+  const auto corner = capture_links(two_captures({up, Vec3(1, 0, 0), Vec3(0, 1, 0)}, Vec3(0.2, 0.1, 0.05), 0.02));
+  ASSERT_EQ(corner.size(), 1u);
+  EXPECT_LT(corner[0].sd_mm[5], 0.02) << corner[0].text;
+  EXPECT_GT(corner[0].cells_count, flat[0].cells_count);
+  // two faces leave the shift along the edge they share
+  const auto edge = capture_links(two_captures({up, Vec3(1, 0, 0)}, Vec3::Zero(), 0.02));
+  ASSERT_EQ(edge.size(), 1u);
+  EXPECT_GT(std::abs(edge[0].weakest[1]), 0.95) << edge[0].text;
+  // apart: no link; any order of the points: the same
+  EXPECT_TRUE(capture_links(two_captures({up}, Vec3(500, 0, 0), 0.02)).empty());
+  MeasuredCloud turned = two_captures({up, Vec3(1, 0, 0), Vec3(0, 1, 0)}, Vec3(0.2, 0.1, 0.05), 0.02);
+  std::reverse(turned.p_base.begin(), turned.p_base.end()), std::reverse(turned.n_base.begin(), turned.n_base.end()), std::reverse(turned.capture.begin(), turned.capture.end());
+  const auto again = capture_links(turned);
+  ASSERT_EQ(again.size(), 1u);
+  EXPECT_EQ(again[0].sd_mm, corner[0].sd_mm);
 }
 
 }  // namespace
