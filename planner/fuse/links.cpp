@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <tuple>
 
 #include "planner/base/number.hpp"
 
@@ -62,9 +63,7 @@ std::string words_of(const Vec6& w) {
   return shift >= turn ? "shift along " + three(w.head<3>() / shift) : "turn about " + three(w.tail<3>() / turn);
 }
 
-}  // namespace
-
-std::vector<CaptureLink> capture_links(const MeasuredCloud& cloud, const LinkRecipe& recipe) {
+std::vector<CaptureLink> links_at(const MeasuredCloud& cloud, const LinkRecipe& recipe) {
   const std::vector<CellMean> means = means_of(cloud, recipe);
   std::map<std::pair<int, int>, std::vector<std::pair<std::size_t, std::size_t>>> shared;
   for (std::size_t i = 0; i < means.size();) {
@@ -110,6 +109,22 @@ std::vector<CaptureLink> capture_links(const MeasuredCloud& cloud, const LinkRec
                          words_of(l.weakest), fixed_number(std::min(l.sd_mm[5], 999.0), 3));
     out.push_back(std::move(l));
   }
+  return out;
+}
+
+}  // namespace
+
+std::vector<CaptureLink> capture_links(const MeasuredCloud& cloud, const LinkRecipe& recipe) {
+  std::vector<CaptureLink> out = links_at(cloud, recipe);
+  // coarse captures hold too few points in a fine cell: their pairs are looked at again in cells that suit them
+  LinkRecipe coarse = recipe;
+  for (const CloudCapture& c : cloud.captures) coarse.cell_mm = std::max(coarse.cell_mm, 4 * c.spacing_mm);
+  if (coarse.cell_mm > recipe.cell_mm)
+    for (CaptureLink& l : links_at(cloud, coarse)) {
+      const bool is_known = std::any_of(out.begin(), out.end(), [&](const CaptureLink& o) { return o.first == l.first && o.second == l.second; });
+      if (!is_known) out.push_back(std::move(l));
+    }
+  std::stable_sort(out.begin(), out.end(), [](const CaptureLink& a, const CaptureLink& b) { return std::tie(a.first, a.second) < std::tie(b.first, b.second); });
   return out;
 }
 

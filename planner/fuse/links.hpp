@@ -10,7 +10,7 @@
 namespace asbuilt {
 
 struct LinkRecipe {
-  double cell_mm = 3;         // surface is compared in cells of this size
+  double cell_mm = 3;         // surface is compared in cells of this size; coarser captures in cells of four spacings
   int points_min_count = 5;   // of a capture in a cell
   double turn_max_rad = 0.35; // between the normals of the two: more is another face
 };
