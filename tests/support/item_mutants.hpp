@@ -48,8 +48,11 @@ struct MutantSubject {
 };
 
 inline MutantSubject subject_of(const testing::Item& item, const Post& post) {
-  MutantSubject s{item.program.name, &post, item_context(item), {}, item.program, {}};
-  const auto text = post.write(item.program, s.context);
+  MutantSubject s{item.program.name, &post, item_context(item), {}, {}, {}};
+  const auto shaped = shaped_for(post, item.program, s.context);
+  if (!shaped) throw std::runtime_error(text_of(shaped.error()));
+  s.planned = *shaped;
+  const auto text = post.write(s.planned, s.context);
   if (!text) throw std::runtime_error(text_of(text.error()));
   s.text = *text;
   auto world = item.world;
@@ -81,6 +84,8 @@ inline void count_mutants(MutantCount& count, const MutantSubject& subject, int 
   const PrintedSteps steps = printed_steps(post, subject.context);
   for (const Check& c : compare_programs(subject.planned, *original, steps).checks)
     if (!c.is_passed) throw std::runtime_error(subject.name + ": not what was planned: " + c.name + " " + c.where);
+  for (const Check& c : post.lint(subject.text, subject.context))
+    if (!c.is_passed) throw std::runtime_error(subject.name + ": breaks a rule as it is: " + c.name + " " + c.where);
   Random random = Random::stream(seed, "text mutants");
   ++count.programs;
   const auto tokens = tokens_of(subject.text);
