@@ -2,6 +2,10 @@
 // The command line: exit statuses, messages, one JSON document on standard output.
 #include <gtest/gtest.h>
 
+#include <fmt/format.h>
+
+#include "planner/base/frames.hpp"
+#include "planner/base/random.hpp"
 #include "planner/simulate/simulate.hpp"
 #include "tests/e2e/run_program.hpp"
 
@@ -70,6 +74,46 @@ TEST(CommandLine, an_expired_calibration_is_not_checked_but_refused) {
   const test::Ran young = captures("2026-11-20");  // of age; but it holds no views to compare with
   EXPECT_EQ(young.status, 3);
   EXPECT_NE(young.err.find("calibrate.no_reference"), std::string::npos) << young.err;
+}
+
+TEST(CommandLine, captures_to_a_calibration_and_a_check_of_it) {
+  const test::Folder folder;
+  test::write_text(folder.path / "cell.yaml", test::read_text("tests/refuse/base/cell.yaml"));
+  const Pose<frame::Flange, frame::Sensor> X(quat_exp(Vec3(0.02, -0.01, 1.57)), Vec3(-150.4, 0.3, 149.8));
+  const Pose<frame::Base, frame::Target> Y(quat_exp(Vec3(0.1, -0.07, 0.6)), Vec3(1200, 40, 300));
+  Random random(5);
+  const auto pose = [](const auto& T) {
+    return fmt::format("{{xyz: [{:.5f}, {:.5f}, {:.5f}], quat: [{:.9f}, {:.9f}, {:.9f}, {:.9f}]}}", T.p_mm.x(), T.p_mm.y(), T.p_mm.z(), T.q.w(), T.q.x(), T.q.y(), T.q.z());
+  };
+  const auto captures = [&](int count, double moved_mm) {
+    std::string yaml = "asbuilt: captures/1\ncell: cell.yaml\nsensor: wide\ntaken: 2026-11-18\nnoise: 0.02\nnoise_turn: 0.005\nrobot_sd: {position: 0.05, turn: 0.005}\nrepeat_sd: {position: 0.02, turn: 0.002}\ntarget: {kind: pose}\ncaptures:\n";
+    Random robot(9);  // the same poses, the same errors of the arm there
+    for (int k = 0; k < count; ++k) {
+      const Pose<frame::Base, frame::Flange> F(quat_exp(Vec3(2.9 + 0.5 * std::sin(2.0 * k), 0.5 * std::cos(1.7 * k), 0.8 * std::sin(k))), Vec3(1150 + 40 * std::cos(k), 30 * std::sin(3.0 * k), 900));
+      Vec6 arm, noise;
+      for (int i = 0; i < 6; ++i) arm[i] = robot.normal(0, i < 3 ? 0.05 : 8e-5), noise[i] = random.normal(0, i < 3 ? 0.02 : 8e-5);
+      Vec6 moved = Vec6::Zero();
+      moved[0] = moved_mm;
+      const Pose<frame::Sensor, frame::Target> seen = (F.disturbed(arm) * X.disturbed(moved)).inverse() * Y;
+      yaml += "  - {name: view " + std::to_string(k) + ", base_flange: " + pose(F) + ", sensor_target: " + pose(seen.disturbed(noise)) + "}\n";
+    }
+    test::write_text(folder.path / "captures.yaml", yaml);
+  };
+  captures(16, 0);
+  const std::string calibration = folder.path / "calibration.yaml";
+  const test::Ran made = run_program({"calibrate", folder.path / "captures.yaml", "--out", calibration, "--json"});
+  ASSERT_EQ(made.status, 0) << made.err;
+  const Json report = Json::parse(made.out, nullptr, false);
+  ASSERT_TRUE(report.is_object());
+  EXPECT_NEAR(report["pose"]["xyz"][0].get<double>(), X.p_mm.x(), 0.3);
+  EXPECT_LT(report["held_out"]["rms_mm"].get<double>(), 0.2);
+  EXPECT_GT(report["held_out"]["rms_mm"].get<double>(), 0.01);
+  captures(1, 0);
+  EXPECT_EQ(run_program({"calibrate", folder.path / "captures.yaml", "--check", calibration}).status, 0);
+  captures(1, 0.3);
+  const test::Ran slipped = run_program({"calibrate", folder.path / "captures.yaml", "--check", calibration});
+  EXPECT_EQ(slipped.status, 3) << slipped.out;
+  EXPECT_NE(slipped.err.find("calibrate.sensor_moved"), std::string::npos) << slipped.err;
 }
 
 TEST(CommandLine, schemas_are_json) {

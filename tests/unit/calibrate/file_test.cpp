@@ -6,6 +6,7 @@
 #include <fstream>
 
 #include "planner/base/number.hpp"
+#include "planner/base/random.hpp"
 #include "planner/calibrate/calibrate.hpp"
 #include "planner/inputs/inputs.hpp"
 #include "planner/inputs/table.hpp"
@@ -100,6 +101,46 @@ TEST_F(CalibrateFiles, captures_to_a_calibration_that_the_planner_reads) {
   const auto none = load_earlier(folder / "both.yaml", CalibrationRequest::Subject::tool, false, "cone-90");
   ASSERT_FALSE(none.has_value());
   EXPECT_EQ(none.error().front().code, "input.not_in_calibration");
+}
+
+/// Any bytes in a table of poses or points: an answer or a refusal that names the file, never anything else.
+TEST_F(CalibrateFiles, any_bytes_in_the_tables) {
+  const std::string poses = "name;x;y;z;qw;qx;qy;qz\na;1000,5;2;900;1;0;0;0\nb;1010;4,25E1;905;0,7071;0,7071;0;0\nc;990;-3;910;0.7071;0;0.7071;0\n";
+  const std::string profile = "x,z\n1.5,200\n2.5,nan\n3.5,201\n4.5,202.25\n";
+  const std::string yaml = "asbuilt: captures/1\ncell: cell.yaml\nsensor: wide\ntarget: {kind: ball, diameter: 30}\nposes: {file: poses.csv, name: name, xyz: [x, y, z], quat: [qw, qx, qy, qz], profiles: p.csv}\n";
+  Random random(17);
+  int good = 0, refused = 0;
+  for (int round = 0; round < 400; ++round) {
+    std::string a = poses, b = profile;
+    std::string& hit = round % 2 ? a : b;
+    const int cuts = 1 + int(random.below(4));
+    for (int k = 0; k < cuts; ++k) {
+      const std::size_t at = random.below(hit.size());
+      switch (random.below(5)) {
+        case 0: hit[at] = char(random.below(256)); break;
+        case 1: hit.erase(at, 1 + random.below(5)); break;
+        case 2: hit.insert(at, std::string(1 + random.below(3), char(random.below(256)))); break;
+        case 3: hit.insert(at, "1e999"); break;
+        default: hit = hit.substr(0, at) + hit.substr(at / 2);
+      }
+      if (hit.empty()) hit = ",";
+    }
+    put("poses.csv", a), put("p.csv", b);
+    const auto r = read(yaml);
+    if (r) {
+      ++good;
+      for (const TargetCapture& c : r->artefact.captures) {
+        EXPECT_TRUE(c.T_base_flange.p_mm.allFinite());
+        for (const Vec3& p : c.points_mm) EXPECT_TRUE(p.allFinite());
+      }
+    } else {
+      ++refused;
+      EXPECT_FALSE(r.error().front().where.empty());
+      EXPECT_FALSE(r.error().front().message.empty());
+    }
+  }
+  EXPECT_GT(good, 20);
+  EXPECT_GT(refused, 100);
 }
 
 TEST_F(CalibrateFiles, tables_as_other_programs_write_them) {
