@@ -4,6 +4,7 @@
 //   study_profilometer convergence [N]   from starts 10 % and 30 % off
 //   study_profilometer coverage [N] [S]  95 % bands against the truth, seeds from S on
 //   study_profilometer files DIR         captures of a small plate as files, for the command line (run from the source folder)
+//   study_profilometer design [N]       published poses and what pose design adds until a point of the field is known to 0.03 mm
 //   study_profilometer faults [N]        faults planted, what is said
 #include <fmt/format.h>
 
@@ -249,6 +250,50 @@ void coverage(int count, std::uint64_t first) {
   }
 }
 
+void design(int count) {
+  fmt::print("published 15 poses (10 degrees), both ways; poses added by design until the field's median sd (largest axis) is 0.03 mm; {} cells\n", count);
+  for (int k = 0; k < count; ++k) {
+    auto c = rig::profilometer_cell(11000 + std::uint64_t(k));
+    const auto recipe = recipe_for(c, kSettings[1]);
+    auto passes = all_passes(c, kSettings[1]);
+    const auto views = rig::views_of(c, passes, 11000 + std::uint64_t(k));
+    const auto first = calibrate_profilometer(recipe, c.plate, views, rig::sheet());
+    if (!first) {
+      fmt::print("  {}: {}\n", k, first.error().front().message);
+      continue;
+    }
+    const ProfilometerProblem problem = problem_of(recipe, c.plate, views);
+    const auto field = field_points(problem, {});
+    const auto& state = first->artefact.state;
+    std::vector<double> offsets;
+    for (const Vec2& uv : {field[21], field[24], field[27]}) offsets.push_back(plane_point(state.intrinsics, uv).y());
+    const auto added = poses_to_add(problem, state, field, pose_candidates(c.plate, offsets), 0.03, 20, 40);
+    std::string way = fmt::format("{:.3f}", first->artefact.field.median_sd_mm.maxCoeff());
+    int pose = passes.back().pose;
+    for (const PoseSuggestion& p : added) {
+      way += fmt::format(" {:.3f}", p.field_sd_mm);
+      ++pose;
+      for (const double sign : {1.0, -1.0}) {
+        simulate::ProfilometerPass pass;
+        pass.name = p.candidate.name + (sign > 0 ? " forth" : " back"), pass.pose = pose;
+        pass.velocity_base_mm_s = sign * 40 * c.T_base_target.direction(p.candidate.way_target), pass.duration_s = 130.0 / 40;
+        pass.T_base_flange = {p.T_base_flange.q, p.T_base_flange.p_mm - 0.5 * pass.duration_s * pass.velocity_base_mm_s};
+        passes.push_back(pass);
+      }
+    }
+    const auto second = calibrate_profilometer(recipe, c.plate, rig::views_of(c, passes, 12000 + std::uint64_t(k)), rig::sheet());
+    const auto truth = rig::truth_of(c);
+    const auto rms = [&](const ProfilometerState& s) {
+      Vec3 sum = Vec3::Zero();
+      for (const Vec2& uv : field) sum += (c.T_flange_sensor.rotation().transpose() * (flange_point(s, uv) - flange_point(truth, uv))).cwiseAbs2() / double(field.size());
+      return Vec3(sum.cwiseSqrt());
+    };
+    const Vec3 before = rms(state), after = second ? rms(second->artefact.state) : Vec3::Constant(std::nan(""));
+    fmt::print("  cell {}: foretold sd {} ({} poses added); true error x y z before {:.3f} {:.3f} {:.3f}, after {:.3f} {:.3f} {:.3f} mm, sd as stated {:.3f}; first added: {}\n", k, way, added.size(), before.x(), before.y(), before.z(),
+               after.x(), after.y(), after.z(), second ? second->artefact.field.median_sd_mm.maxCoeff() : 0.0, added.empty() ? "" : added.front().candidate.name);
+  }
+}
+
 void faults(int count) {
   struct Fault {
     const char* name;
@@ -332,9 +377,10 @@ int main(int argc, char** argv) {
   } else if (what == "published") published(count ? count : 100);
   else if (what == "convergence") convergence(count ? count : 200);
   else if (what == "coverage") coverage(count ? count : 500, argc > 3 ? std::strtoull(argv[3], nullptr, 10) : 5000);
+  else if (what == "design") design(count ? count : 5);
   else if (what == "faults") faults(count ? count : 20);
   else {
-    fmt::print("study_profilometer published | convergence | coverage | faults [count]\n");
+    fmt::print("study_profilometer published | convergence | coverage | design | faults [count], or files DIR\n");
     return 2;
   }
 }
