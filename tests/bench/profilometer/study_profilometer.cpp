@@ -142,6 +142,7 @@ void published(int count) {
     }
     const double n = count - refused;
     fmt::print(" {:>20} {:>8.3f}  refused {}\n", fmt::format("{:.3f} / {:.4f}", std::sqrt(shift / n), deg_from_rad(std::sqrt(turn / n))), std::sqrt(held / n), refused);
+    std::fflush(stdout);
   }
 }
 
