@@ -56,6 +56,56 @@ double median_of(std::vector<double> v) {
   return v[v.size() / 2];
 }
 
+/// How far one capture sees the two faces of one edge off the fitted ones, along the edge: medians over bins, smoothed over their
+/// neighbours. A face that it does not see has no zero of its own.
+class FaceZero {
+ public:
+  void collect(const SectionPoint& p) {
+    const float out = p.out_mm(), inside = -std::min(p.f_1_mm, p.f_2_mm);
+    if (std::abs(out) > kMost_mm || inside < 0.4 || inside > 2.5 || p.s_mm < 0) return;
+    auto& side = heights_[p.f_1_mm > p.f_2_mm ? 0 : 1];
+    const std::size_t bin = static_cast<std::size_t>(p.s_mm / kBin_mm);
+    if (side.size() <= bin) side.resize(bin + 1);
+    side[bin].push_back(out);
+  }
+  void settle() {
+    for (std::size_t k = 0; k < 2; ++k) {
+      auto& side = heights_[k];
+      std::vector<std::pair<double, double>> middles;  // of a bin: weight, median
+      for (auto& bin : side) {
+        middles.emplace_back(bin.size() < kPointsMin ? 0.0 : static_cast<double>(std::min<std::size_t>(bin.size(), 40)), 0.0);
+        if (bin.size() < kPointsMin) continue;
+        std::nth_element(bin.begin(), bin.begin() + static_cast<std::ptrdiff_t>(bin.size() / 2), bin.end());
+        middles.back().second = bin[bin.size() / 2];
+      }
+      for (std::size_t i = 0; i < middles.size(); ++i) {
+        double sum = 0, weight = 0;
+        for (std::size_t j = i > 0 ? i - 1 : 0; j <= std::min(i + 1, middles.size() - 1); ++j)
+          sum += middles[j].first * middles[j].second, weight += middles[j].first;
+        zero_[k].push_back(weight > 0 ? sum / weight : kUnknown);
+      }
+      for (std::size_t i = 1; i < zero_[k].size(); ++i)  // over gaps the one before holds, then the one behind
+        if (zero_[k][i] == kUnknown) zero_[k][i] = zero_[k][i - 1];
+      for (std::size_t i = zero_[k].size(); i-- > 1;)
+        if (zero_[k][i - 1] == kUnknown) zero_[k][i - 1] = zero_[k][i];
+      side.clear();
+    }
+  }
+  double at(std::size_t side, double s_mm) const {
+    const auto& zero = zero_[side];
+    if (zero.empty() || zero.front() == kUnknown) return 0;
+    const double x = std::clamp(s_mm / kBin_mm - 0.5, 0.0, static_cast<double>(zero.size() - 1));
+    const std::size_t i = std::min(static_cast<std::size_t>(x), zero.size() - 1), j = std::min(i + 1, zero.size() - 1);
+    return zero[i] + (x - static_cast<double>(i)) * (zero[j] - zero[i]);
+  }
+
+ private:
+  static constexpr double kBin_mm = 4.0, kMost_mm = 0.2, kUnknown = 1e9;
+  static constexpr std::size_t kPointsMin = 8;
+  std::array<std::vector<std::vector<float>>, 2> heights_;
+  std::array<std::vector<double>, 2> zero_;
+};
+
 }  // namespace
 
 Carving::Carving() {
@@ -116,7 +166,8 @@ std::vector<EdgeSection> cut_sections(const SectionOptions& options, const Measu
 
   struct Found {
     int edge = -1;
-    int kind = 0;  // 0 proud, 1 / 2 on a face
+    int kind = 0;            // 0 proud, 1 / 2 on a face
+    float distance_mm = 0;   // from the edge
     SectionPoint point;
   };
   std::vector<Found> found(cloud.p_base.size());
@@ -145,25 +196,45 @@ std::vector<EdgeSection> cut_sections(const SectionOptions& options, const Measu
                           const Vec3 n_2 = ((1 - best->t) * e.n_2[a] + best->t * e.n_2[a + 1]).normalized();
                           const double f_1 = height_over(frames_1[best->line], p, v, n_1, a, best->t);
                           const double f_2 = height_over(frames_2[best->line], p, v, n_2, a, best->t);
-                          const double out = std::max(f_1, f_2);
                           Found& f = found[i];
                           const Vec3 ray = (p - eye).normalized();
+                          f.edge = best->line, f.distance_mm = static_cast<float>(v.norm());
                           f.point = {static_cast<float>(best->s_mm), static_cast<float>(f_1), static_cast<float>(f_2),
                                      std::max(1e-4f, cloud.sigma_mm[i]), static_cast<float>(ray.dot(n_1)), static_cast<float>(ray.dot(n_2)),
                                      static_cast<int>(k)};
-                          f.point.sigma_mm *= static_cast<float>(std::max(0.3, std::abs(ray.dot(f_1 > f_2 ? n_1 : n_2))));
-                          if (out > options.threshold_mm) {
-                            // A burr stands on the edge: what hangs over a face farther off than it stands out is no burr.
-                            if (v.norm() > 1.45 * out + 0.25) continue;
-                            f.kind = 0, f.edge = best->line;
-                          } else if (std::abs(out) <= options.threshold_mm) {
-                            const double inside = -std::min(f_1, f_2);
-                            if (inside < 0.25 || inside > 2.5) continue;
-                            f.kind = f_1 > f_2 ? 1 : 2, f.edge = best->line;
-                          }
                         }
                       });
   }
+
+  // Each capture's own faces beside the edge are its zero: what is left between captures, and between them and the fit, is no burr.
+  std::vector<std::vector<FaceZero>> zeros(cloud.captures.size(), std::vector<FaceZero>(out.size()));
+  for (const Found& f : found)
+    if (f.edge >= 0) zeros[static_cast<std::size_t>(f.point.capture)][static_cast<std::size_t>(f.edge)].collect(f.point);
+  tbb::parallel_for(std::size_t(0), cloud.captures.size(), [&](std::size_t k) {
+    for (FaceZero& z : zeros[k]) z.settle();
+  });
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, found.size(), 4096), [&](const tbb::blocked_range<std::size_t>& range) {
+    for (std::size_t i = range.begin(); i < range.end(); ++i) {
+      Found& f = found[i];
+      if (f.edge < 0) continue;
+      const FaceZero& zero = zeros[static_cast<std::size_t>(f.point.capture)][static_cast<std::size_t>(f.edge)];
+      f.point.f_1_mm -= static_cast<float>(zero.at(0, f.point.s_mm)), f.point.f_2_mm -= static_cast<float>(zero.at(1, f.point.s_mm));
+      const float f_1 = f.point.f_1_mm, f_2 = f.point.f_2_mm;
+      const double out = std::max(f_1, f_2);
+      f.point.sigma_mm *= std::max(0.3f, std::abs(f_1 > f_2 ? f.point.ray_1 : f.point.ray_2));
+      bool is_kept = false;
+      if (out > options.threshold_mm) {
+        // A burr stands on the edge: what hangs over a face farther off than it stands out is no burr.
+        is_kept = f.distance_mm <= 1.45 * out + 0.25;
+        f.kind = 0;
+      } else if (std::abs(out) <= options.threshold_mm) {
+        const double inside = -std::min(f_1, f_2);
+        is_kept = inside >= 0.25 && inside <= 2.5;
+        f.kind = f_1 > f_2 ? 1 : 2;
+      }
+      if (!is_kept) f.edge = -1;
+    }
+  });
   std::vector<std::vector<double>> heights_1(out.size()), heights_2(out.size());
   for (EdgeSection& section : out) section.sights.resize(cloud.captures.size());
   // Rays, capture by capture: each fills its own bins, which are merged in their order.
@@ -186,7 +257,8 @@ std::vector<EdgeSection> cut_sections(const SectionOptions& options, const Measu
         const Vec3 v = p - f.p, ray = (eye - p).normalized(), tangent = (e.adapted[a + 1] - e.adapted[a]).normalized();
         auto& bins = mine[f.line];
         if (bins.empty()) bins.resize(out[f.line].carved.size());
-        carve(bins, v.dot(e.n_1[a]), v.dot(e.n_2[a]), f.s_mm, Vec3(ray.dot(e.n_1[a]), ray.dot(e.n_2[a]), ray.dot(tangent)), 0.05);
+        const FaceZero& zero = zeros[k][f.line];
+        carve(bins, v.dot(e.n_1[a]) - zero.at(0, f.s_mm), v.dot(e.n_2[a]) - zero.at(1, f.s_mm), f.s_mm, Vec3(ray.dot(e.n_1[a]), ray.dot(e.n_2[a]), ray.dot(tangent)), 0.05);
       }
     }
   });
