@@ -57,18 +57,28 @@ double median_of(std::vector<double> v) {
 }
 
 /// How far one capture sees the two faces of one edge off the fitted ones, along the edge: medians over bins, smoothed over their
-/// neighbours. A face that it does not see has no zero of its own.
+/// neighbours. A face that it does not see begins where the other one ends, as far as the location doubts where the capture was: a
+/// quarter of all bins ends there or before, because a burr may carry on the others.
 class FaceZero {
  public:
   void collect(const SectionPoint& p) {
     const float out = p.out_mm(), inside = -std::min(p.f_1_mm, p.f_2_mm);
+    for (std::size_t k = 0; k < 2; ++k) {
+      const float over = k == 0 ? p.f_1_mm : p.f_2_mm, beyond = k == 0 ? p.f_2_mm : p.f_1_mm;  // on face k, towards the other
+      if (std::abs(over) > kOn_mm || std::abs(beyond) > 2 * kMost_mm || p.s_mm < 0) continue;
+      auto& side = ends_[1 - k];
+      const std::size_t bin = static_cast<std::size_t>(p.s_mm / kBin_mm);
+      if (side.size() <= bin) side.resize(bin + 1);
+      side[bin].push_back(beyond);
+    }
     if (std::abs(out) > kMost_mm || inside < 0.4 || inside > 2.5 || p.s_mm < 0) return;
     auto& side = heights_[p.f_1_mm > p.f_2_mm ? 0 : 1];
     const std::size_t bin = static_cast<std::size_t>(p.s_mm / kBin_mm);
     if (side.size() <= bin) side.resize(bin + 1);
     side[bin].push_back(out);
   }
-  void settle() {
+  /// `doubt_mm`: of the capture's place along the two normals, 1 sd.
+  void settle(const std::array<double, 2>& doubt_mm) {
     for (std::size_t k = 0; k < 2; ++k) {
       auto& side = heights_[k];
       std::vector<std::pair<double, double>> middles;  // of a bin: weight, median
@@ -90,6 +100,22 @@ class FaceZero {
         if (zero_[k][i - 1] == kUnknown) zero_[k][i - 1] = zero_[k][i];
       side.clear();
     }
+    for (std::size_t k = 0; k < 2; ++k) {
+      std::vector<float> ends;
+      if (zero_[k].empty() || zero_[k].front() == kUnknown)
+        for (auto& bin : ends_[k]) {
+          if (bin.size() < kPointsMin) continue;
+          const auto last = bin.begin() + static_cast<std::ptrdiff_t>(19 * bin.size() / 20);
+          std::nth_element(bin.begin(), last, bin.end());
+          ends.push_back(*last);
+        }
+      if (ends.size() >= 3) {
+        std::nth_element(ends.begin(), ends.begin() + static_cast<std::ptrdiff_t>(ends.size() / 4), ends.end());
+        const double end = ends[ends.size() / 4];
+        zero_[k].assign(1, std::copysign(std::clamp(std::abs(end) - kEndKnown_mm, 0.0, kDoubts * doubt_mm[k]), end));
+      }
+      ends_[k].clear();
+    }
   }
   double at(std::size_t side, double s_mm) const {
     const auto& zero = zero_[side];
@@ -100,9 +126,9 @@ class FaceZero {
   }
 
  private:
-  static constexpr double kBin_mm = 4.0, kMost_mm = 0.2, kUnknown = 1e9;
+  static constexpr double kBin_mm = 4.0, kMost_mm = 0.2, kUnknown = 1e9, kOn_mm = 0.04, kEndKnown_mm = 0.03, kDoubts = 2.0;
   static constexpr std::size_t kPointsMin = 8;
-  std::array<std::vector<std::vector<float>>, 2> heights_;
+  std::array<std::vector<std::vector<float>>, 2> heights_, ends_;
   std::array<std::vector<double>, 2> zero_;
 };
 
@@ -149,6 +175,26 @@ void carve(std::vector<Carving>& carved, double f_1, double f_2, double s, const
     const std::size_t bin = static_cast<std::size_t>(at_s / Carving::kBin_mm);
     if (bin < carved.size()) carved[bin].add(k, static_cast<float>(along * std::max(c, w)));
   }
+}
+
+}  // namespace
+
+namespace {
+
+/// 1 sd of a capture's place along the two normals of an edge, at its middle.
+std::array<double, 2> doubt_mm(const Location& location, const AdaptedEdge& edge, std::size_t capture) {
+  if (capture >= location.corrections.size() || capture >= location.correction_covariances.size() || edge.adapted.empty()) return {0, 0};
+  const std::size_t i = edge.adapted.size() / 2;
+  const auto& correction = location.corrections[capture];
+  const Vec3 p = correction.inverse().point(location.T_base_part.point(edge.adapted[i]));
+  Eigen::Matrix<double, 3, 6> g;
+  g << correction.rotation(), -correction.rotation() * skew(p);
+  const Mat3 covariance = g * location.correction_covariances[capture] * g.transpose();
+  const auto along = [&](const Vec3& n_part) {
+    const Vec3 n = location.T_base_part.direction(n_part);
+    return std::sqrt(std::max(0.0, n.dot(covariance * n)));
+  };
+  return {along(edge.n_1[i]), along(edge.n_2[i])};
 }
 
 }  // namespace
@@ -211,7 +257,7 @@ std::vector<EdgeSection> cut_sections(const SectionOptions& options, const Measu
   for (const Found& f : found)
     if (f.edge >= 0) zeros[static_cast<std::size_t>(f.point.capture)][static_cast<std::size_t>(f.edge)].collect(f.point);
   tbb::parallel_for(std::size_t(0), cloud.captures.size(), [&](std::size_t k) {
-    for (FaceZero& z : zeros[k]) z.settle();
+    for (std::size_t e = 0; e < out.size(); ++e) zeros[k][e].settle(doubt_mm(location, features.edges[e], k));
   });
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, found.size(), 4096), [&](const tbb::blocked_range<std::size_t>& range) {
     for (std::size_t i = range.begin(); i < range.end(); ++i) {
