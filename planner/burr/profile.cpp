@@ -58,19 +58,26 @@ ChainPosterior height_profile(const ChainOptions& o, const std::vector<double>& 
 
   // Samples are a Poisson process over the fin's flank: rate `density` up to the height and a little more at its blunt tip, and a
   // thin rate of outliers everywhere.
-  Eigen::MatrixXd emission = Eigen::MatrixXd::Zero(n, count);  // log
+  // A flank may be dim here although the view of it is good (the light that it needs comes from elsewhere): then it is hit rarely.
+  Eigen::MatrixXd emission = Eigen::MatrixXd::Zero(n, count), dim = emission;  // log
   for (const HeightSample& p : samples) {
     const int j = std::clamp(static_cast<int>(std::lround((p.s_mm - stations.front()) / std::max(step, 1e-9))), 0, count - 1);
     const double tip_sd = std::hypot(p.sigma_mm, o.tip_scatter_mm);
     for (int i = 0; i < n; ++i) {
       const double u = (h[i] - p.height_mm) / tip_sd;
       const double tip = std::abs(u) < 8 ? o.tip_mm * std::exp(-0.5 * u * u) / (tip_sd * std::sqrt(2 * kPi)) : 0.0;
-      emission(i, j) += std::log(p.inlier_ratio * density[j] * (normal_cdf((h[i] - p.height_mm) / p.sigma_mm) + tip) + o.outliers_mm2);
+      const double rate = p.inlier_ratio * density[j] * (normal_cdf((h[i] - p.height_mm) / p.sigma_mm) + tip);
+      emission(i, j) += std::log(rate + o.outliers_mm2);
+      dim(i, j) += std::log(o.dim_ratio * rate + o.outliers_mm2);
     }
   }
   for (int j = 0; j < count; ++j)
     for (int i = 0; i < n; ++i)
-      if (h[i] > o.threshold_mm) emission(i, j) -= density[j] * (h[i] - o.threshold_mm + o.tip_mm) * step;
+      if (h[i] > o.threshold_mm) {
+        const double hits = density[j] * (h[i] - o.threshold_mm + o.tip_mm) * step;
+        const double clear = std::log(1 - o.dim_share) + emission(i, j) - hits, rare = std::log(o.dim_share) + dim(i, j) - o.dim_ratio * hits;
+        emission(i, j) = std::max(clear, rare) + std::log1p(std::exp(-std::abs(clear - rare)));
+      }
 
   const Eigen::MatrixXd t = transition(o, h, width, step);
   Eigen::MatrixXd e(n, count);

@@ -17,6 +17,7 @@ struct ChainOptions {
   double threshold_mm = 0.03;     // samples below are not reported
   double height_max_mm = 4;       // end of the grid
   double outliers_mm2 = 3;        // stray samples per mm of height and mm of edge
+  double dim_share = 0.05, dim_ratio = 0.12;  // stations where a fin is hit that much more rarely than foreseen
   double tip_mm = 0.007;          // width of the blunt tip that shows, with the scatter of its height
   double tip_scatter_mm = 0.012;
   double walk_mm = 0.03;          // sd of the change over 1 mm along the edge, for low burrs
