@@ -79,7 +79,7 @@ EdgeForecast forecast_edge(const Workshop& shop, const RobotErrorModel& errors, 
       q_tool = (Eigen::Quaterniond::FromTwoVectors(q_seen * Vec3::UnitZ(), axis) * q_seen).normalized();
     }
     const auto T_work = Pose<frame::Base, frame::Tool>(q_tool, p) * shop.tool->T_flange_tool.inverse();
-    const auto q_work = shop.robot->inverse_near(T_work, near);
+    const auto q_work = shop.robot->inverse_like(T_work, near);
     const Mat3 R_tool = q_tool.toRotationMatrix();
     c.tool = R_tool * shop.tool->covariance.topLeftCorner<3, 3>() * R_tool.transpose();
     const double axis_error = shop.cell_spec->robot.accuracy.absolute.mean_mm;
