@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <map>
 #include <set>
 
 #include "postprocessors/inform/inform.hpp"
@@ -41,6 +42,9 @@ struct Linter {
   bool has_moved = false, is_spindle_on = false;
   double analog = 0;                  // volts for the spindle's speed
   std::optional<JointVector> q_last;  // of the last pulses
+  std::map<std::string, JointVector> pulses;     // of this job's positions
+  std::optional<JointVector> q_run;              // where the joint moves of the jobs so far end
+  std::map<std::string, JointVector> q_at_call;  // where the arm stands when a job is called
 
   bool has_option(const char* key) const { return context.cell.controller.options.count(key) > 0; }
 
@@ -79,6 +83,8 @@ struct Linter {
           if (!((c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '-')) f.add("I-02", line, "a character outside A-Z 0-9 _ -");
         if (stem_of(file.name) != name) f.add("I-02", line, "the job is not called like its file");
         if (!jobs.insert(name).second) f.add("I-02", line, "two jobs of one name");
+        if (const auto at = q_at_call.find(name); at != q_at_call.end()) q_last = at->second;  // a relative job begins where its caller stands
+        pulses.clear();
         continue;
       }
       if (line.text.starts_with("///DATE")) {
@@ -205,6 +211,7 @@ struct Linter {
       if (v.size() >= 6 && context.cell.controller.pulses_per_degree) {
         q_last.emplace();
         for (std::size_t i = 0; i < 6; ++i) (*q_last)[i] = rad_from_deg(std::atof(std::string(v[i]).c_str()) / (*context.cell.controller.pulses_per_degree)[i]);
+        pulses[t[0].text] = *q_last;
       }
       for (std::size_t i = 0; i < v.size(); ++i) {
         if (v[i].find_first_not_of("-0123456789") != std::string_view::npos || v[i].empty()) f.add("I-04", line, "pulses are whole numbers");
@@ -259,6 +266,7 @@ struct Linter {
       std::string name(line.text.substr(line.text.find(':') + 1));
       name = name.substr(0, name.find(' '));
       if (!is_machines(name)) called.insert(name);
+      if (q_run) q_at_call[name] = *q_run;
     }
     for (const ToolSpec& tool : context.cell.tools) {
       if (op == "AOUT" && number_after(t, "AO#") == static_cast<double>(tool.spindle.analog)) analog = t.back().value;
@@ -271,6 +279,7 @@ struct Linter {
     if (!moves.count(op)) return;
     if (analog != 0 && !is_spindle_on) f.add("G-10", line, "the spindle's speed is set and the spindle is not switched on");
     if (is_arc_on && (op == "MOVJ" || op == "MOVS")) f.add("I-13", line, "with the arc on only MOVL and MOVC");
+    if (op == "MOVJ" && t.size() > 1 && pulses.count(t[1].text)) q_run = pulses.at(t[1].text);
     char expected[16];
     std::snprintf(expected, sizeof expected, "C%05d", used);
     if (t.size() < 2 || (t[1].text[0] == 'C' && !t[1].is(expected))) f.add("I-03", line, std::string("expected ") + expected);

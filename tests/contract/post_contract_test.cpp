@@ -86,6 +86,7 @@ TEST_P(PostContract, bytes_are_ascii_with_the_controllers_line_end) {
 TEST_P(PostContract, options_say_the_same) {
   const std::vector<std::map<std::string, std::string>> choices = {
       {{"krl.version", "KRC2"}, {"inform.flip", "b_axis"}, {"inform.user_frame", "3"}},
+      {{"krl.delivery", "sub"}, {"inform.relative", "yes"}, {"inform.user_frame", "5"}},
       {{"krl.motion", "spline"}, {"krl.tool", "literal"}, {"inform.name_length", "8"}},
   };
   for (const auto& options : choices)

@@ -82,6 +82,9 @@ inline void count_mutants(MutantCount& count, const MutantSubject& subject, int 
   if (!original) throw std::runtime_error(subject.name + ": " + text_of(original.error()));
   const std::string original_bytes = to_bytes(*original);
   const PrintedSteps steps = printed_steps(post, subject.context);
+  // a mutant that reads as the original does to the rounding of the arithmetic (180 for -180 degrees) is replayed as the original was
+  PrintedSteps unmoved{.position_mm = 1e-8, .angle_rad = 1e-9, .speed_mm_s = 1e-8, .joint_speed_ratio = 1e-9, .spindle_rpm = 1e-6, .time_s = 1e-9, .blend_mm = 1e-8};
+  unmoved.joint_rad.fill(1e-9);
   for (const Check& c : compare_programs(subject.planned, *original, steps).checks)
     if (!c.is_passed) throw std::runtime_error(subject.name + ": not what was planned: " + c.name + " " + c.where);
   for (const Check& c : post.lint(subject.text, subject.context))
@@ -116,7 +119,8 @@ inline void count_mutants(MutantCount& count, const MutantSubject& subject, int 
       }
       const bool is_same = compare_programs(subject.planned, *back, steps).is_ok();
       bool is_replayed_ok = true;
-      if (subject.is_replayed_ok && (count.replayed < choice.replays_at_most || is_same)) {
+      const bool is_unmoved = is_same && compare_programs(*original, *back, unmoved).is_ok();
+      if (subject.is_replayed_ok && !is_unmoved && (count.replayed < choice.replays_at_most || is_same)) {
         ++count.replayed;
         is_replayed_ok = subject.is_replayed_ok(*back);
       }
