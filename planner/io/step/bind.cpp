@@ -127,6 +127,13 @@ Vec3 Binder::direction(std::int64_t id) const {
 Placement Binder::placement(std::int64_t id) const {
   const Instance& i = instance(id);
   Placement p;
+  if (has(i, K_AXIS2_PLACEMENT_2D)) {  // in the parameters of a surface
+    const Args flat = args(i, K_AXIS2_PLACEMENT_2D);
+    p.origin = point(reference(i, flat.at(1)));
+    if (flat.at(2) && flat.at(2)->kind == Kind::reference) p.x = direction(flat.at(2)->integer);
+    p.y = p.z.cross(p.x);
+    return p;
+  }
   Args a = args(i, K_AXIS2_PLACEMENT_3D);
   if (a.size() == 0) {
     a = args(i, K_AXIS1_PLACEMENT);

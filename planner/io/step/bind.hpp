@@ -75,6 +75,10 @@ class Binder {
   Eigen::Affine3d transformation(std::int64_t id) const;
   /// `is_reversed` is toggled where a trimmed curve runs against its basis.
   Curve curve(std::int64_t id, bool& is_reversed, int depth = 0) const;
+  /// The PCURVE that stands for a curve without a course of its own in space; 0 where there is one.
+  std::int64_t pcurve_alone(std::int64_t curve) const;
+  /// The course of a PCURVE in space, over the part of it between two points (the whole, where they are the same).
+  Curve curve_on_surface(std::int64_t pcurve, const Vec3& from, const Vec3& to, bool is_reversed) const;
   /// `is_reversed` is toggled where the natural normal is opposite to the one of the file.
   Surface surface(std::int64_t id, bool& is_reversed, int depth = 0) const;
 
@@ -84,6 +88,7 @@ class Binder {
   BSplineCurve composite_curve(const p21::Instance& i, int depth) const;
   std::pair<double, double> trim(const p21::Instance& i, const Curve& basis, double per_unit) const;
   Surface bspline_surface(const p21::Instance& i) const;
+  Vec2 parameter_units(const p21::Instance& surface) const;
   std::vector<double> knots(const p21::Instance& i, const p21::Value* multiplicities, const p21::Value* values, int degree,
                             std::size_t poles) const;
   double length(const p21::Instance& i, const p21::Value* v) const;

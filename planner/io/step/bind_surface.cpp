@@ -77,6 +77,7 @@ Surface Binder::surface(std::int64_t id, bool& is_reversed, int depth) const {
     }
     case K_CONICAL_SURFACE: {
       ConeSurface s{placement(reference(i, a.at(1))), length(i, a.at(2)), real(i, a.at(3)) * units.angle_rad};
+      if (s.radius_mm > 0 && std::abs(s.half_angle_rad) <= 1e-9) return {CylinderSurface{s.at, s.radius_mm}};
       if (s.radius_mm < 0 || !(std::abs(s.half_angle_rad) > 1e-9 && std::abs(s.half_angle_rad) < kPi / 2 - 1e-9))
         fail(i, "a cone needs a radius of at least 0 and a half angle between 0 and 90 degrees");
       return {s};

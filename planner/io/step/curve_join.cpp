@@ -140,6 +140,27 @@ BSplineCurve joined(const std::vector<BSplineCurve>& curves) {
   return chained(std::move(pieces));
 }
 
+std::optional<Curve> fitted(const std::function<std::optional<Vec3>(double)>& at, std::vector<double> breaks) {
+  for (int round = 0; round < 12; ++round) {
+    std::vector<double> finer{breaks.front()};
+    std::vector<Bezier> pieces;
+    bool is_fine = true;
+    for (std::size_t k = 1; k < breaks.size(); ++k) {
+      const double a = breaks[k - 1], b = breaks[k], h = b - a, e = 1e-5 * h;
+      const auto p0 = at(a), p1 = at(b), p0_in = at(a + e), p1_in = at(b - e), m = at(0.5 * (a + b));
+      if (!p0 || !p1 || !p0_in || !p1_in || !m) return std::nullopt;
+      const Vec3 d0 = (*p0_in - *p0) / e, d1 = (*p1 - *p1_in) / e;
+      const Vec3 middle = 0.5 * (*p0 + *p1) + h * (d0 - d1) / 8;
+      pieces.push_back({lifted(*p0, 1), lifted(*p0 + h * d0 / 3, 1), lifted(*p1 - h * d1 / 3, 1), lifted(*p1, 1)});
+      if ((middle - *m).norm() > 1e-6) finer.push_back(0.5 * (a + b)), is_fine = false;
+      finer.push_back(b);
+    }
+    if (is_fine || round == 11 || finer.size() > 5000) return Curve{chained(std::move(pieces))};
+    breaks = std::move(finer);
+  }
+  return std::nullopt;
+}
+
 std::optional<Curve> offset_in_space(const Curve& c, double distance, const Vec3& direction) {
   const auto shift = [&](const CurvePoint& e) -> std::optional<Vec3> {
     const Vec3 side = direction.cross(e.d1);
@@ -164,25 +185,7 @@ std::optional<Curve> offset_in_space(const Curve& c, double distance, const Vec3
     for (double k : b->knots)
       if (k >= d.t0 && k <= d.t1 && (breaks.empty() || k > breaks.back())) breaks.push_back(k);
   }
-  for (int round = 0; round < 12; ++round) {
-    std::vector<double> finer{breaks.front()};
-    std::vector<Bezier> pieces;
-    bool is_fine = true;
-    for (std::size_t k = 1; k < breaks.size(); ++k) {
-      const double a = breaks[k - 1], b = breaks[k], h = b - a, e = 1e-5 * h;
-      const auto at = [&](double t) { return shift(evaluate(c, t)); };
-      const auto p0 = at(a), p1 = at(b), p0_in = at(a + e), p1_in = at(b - e), m = at(0.5 * (a + b));
-      if (!p0 || !p1 || !p0_in || !p1_in || !m) return std::nullopt;
-      const Vec3 d0 = (*p0_in - *p0) / e, d1 = (*p1 - *p1_in) / e;
-      const Vec3 middle = 0.5 * (*p0 + *p1) + h * (d0 - d1) / 8;
-      pieces.push_back({lifted(*p0, 1), lifted(*p0 + h * d0 / 3, 1), lifted(*p1 - h * d1 / 3, 1), lifted(*p1, 1)});
-      if ((middle - *m).norm() > 1e-6) finer.push_back(0.5 * (a + b)), is_fine = false;
-      finer.push_back(b);
-    }
-    if (is_fine || round == 11 || finer.size() > 5000) return Curve{chained(std::move(pieces))};
-    breaks = std::move(finer);
-  }
-  return std::nullopt;
+  return fitted([&](double t) { return shift(evaluate(c, t)); }, breaks);
 }
 
 std::optional<Curve> profile_beside_axis(const RevolutionSurface& s, const std::vector<Vec3>& on_face, const std::vector<Vec3>& on_seam) {

@@ -2,6 +2,7 @@
 // Curves made of other curves: pieces of any kind as rational B-splines, joined end to end; offsets in space.
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <vector>
 
@@ -15,6 +16,9 @@ BSplineCurve as_bspline(const Curve& c, double t0, double t1);
 /// Pieces end to end as one curve; each starts where the one before ends (the gap is for the caller to look at). Degrees are raised to
 /// the highest; the knots between pieces have full multiplicity, so kinks stay kinks.
 BSplineCurve joined(const std::vector<BSplineCurve>& pieces);
+
+/// A curve known by its points as cubic pieces within 1e-6 mm, first between the breaks given. Nothing where a point is missing.
+std::optional<Curve> fitted(const std::function<std::optional<Vec3>(double)>& at, std::vector<double> breaks);
 
 /// OFFSET_CURVE_3D: p + distance * (direction x tangent) / |direction x tangent|. Lines and circles about the direction stay what
 /// they are; others become cubic pieces within 1e-6 mm. Nothing where the tangent runs along the direction.

@@ -251,7 +251,10 @@ class BodyReader {
     e.v0 = vertex(b_.reference(i, a.at(1))), e.v1 = vertex(b_.reference(i, a.at(2)));
     bool is_reversed = !b_.is_true(i, a.at(4));
     try {
-      e.curve = b_.curve(b_.reference(i, a.at(3)), is_reversed);
+      const std::int64_t curve = b_.reference(i, a.at(3)), pcurve = b_.pcurve_alone(curve);
+      e.curve = pcurve ? b_.curve_on_surface(pcurve, body_.vertices[static_cast<std::size_t>(e.v0)].p,
+                                             body_.vertices[static_cast<std::size_t>(e.v1)].p, is_reversed)
+                       : b_.curve(curve, is_reversed);
       range(e, is_reversed);
       if (e.is_closed) {
         e.is_point = true;
@@ -307,6 +310,39 @@ class BodyReader {
   std::unordered_map<std::int64_t, std::pair<int, bool>> surfaces_;
 };
 
+/// Where a loop goes from one edge to the next over two vertices at one place, they become one, as the loop means them to be.
+void unite_vertices(Body& body, double reach_mm) {
+  std::vector<int> root(body.vertices.size());
+  for (std::size_t k = 0; k < root.size(); ++k) root[k] = static_cast<int>(k);
+  const auto find = [&](int k) {
+    while (root[static_cast<std::size_t>(k)] != k)
+      k = root[static_cast<std::size_t>(k)] = root[static_cast<std::size_t>(root[static_cast<std::size_t>(k)])];
+    return k;
+  };
+  const auto apart = [&](int a, int b) {
+    return (body.vertices[static_cast<std::size_t>(a)].p - body.vertices[static_cast<std::size_t>(b)].p).norm();
+  };
+  bool any = false;
+  for (const TopoFace& f : body.faces)
+    for (const TopoLoop& l : f.loops)
+      for (std::size_t k = 0; k < l.uses.size(); ++k) {
+        const EdgeUse &u = l.uses[k], &w = l.uses[(k + 1) % l.uses.size()];
+        const TopoEdge &e = body.edges[static_cast<std::size_t>(u.edge)], &g = body.edges[static_cast<std::size_t>(w.edge)];
+        const int a = find(u.is_forward ? e.v1 : e.v0), b = find(w.is_forward ? g.v0 : g.v1);
+        if (a == b || apart(a, b) > reach_mm) continue;
+        root[static_cast<std::size_t>(std::max(a, b))] = std::min(a, b), any = true;
+      }
+  if (!any) return;
+  for (TopoEdge& e : body.edges) {
+    const int a = find(e.v0), b = find(e.v1);
+    if (a == b && e.v0 != e.v1) {  // the whole of a closed curve, or an edge shorter than the reach
+      const CurveDomain d = domain(e.curve);
+      e.is_closed = d.is_closed && std::abs(std::abs(e.t1 - e.t0) - d.period()) < 1e-3 * d.period();
+    }
+    e.v0 = a, e.v1 = b;
+  }
+}
+
 }  // namespace
 
 Body read_body(const Binder& b, std::int64_t id, std::vector<Unread>& unread) {
@@ -316,6 +352,7 @@ Body read_body(const Binder& b, std::int64_t id, std::vector<Unread>& unread) {
   } catch (const StepFault& f) {
     unread.push_back({f.entity, static_cast<int>(f.line), f.text()});
   }
+  unite_vertices(body, 1e-6);
   return body;
 }
 

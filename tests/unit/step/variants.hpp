@@ -109,7 +109,8 @@ struct Drum {
     rational_turned,
     offset,
     trimmed,
-    curve_bounded
+    curve_bounded,
+    cone
   } wall = Wall::cylinder;
   enum class Rim {
     circle,
@@ -120,10 +121,29 @@ struct Drum {
     trimmed,
     surface_curve,
     composite,
-    two_arcs
+    two_arcs,
+    pcurve_on_wall,
+    pcurve_on_plane,
+    no_course,
+    pcurve_arcs
   } rim = Rim::circle;
   bool has_seam = false, with_bounds_flagged_outer = false, reversed_bounds = false, no_ref_direction = false;
 };
+
+/// A PCURVE of a curve written in two coordinates.
+inline int pcurve(StepText& s, int surface, int flat) {
+  const int context = s.add("(GEOMETRIC_REPRESENTATION_CONTEXT(2)PARAMETRIC_REPRESENTATION_CONTEXT()REPRESENTATION_CONTEXT('2D',''))");
+  const int definition = s.add("DEFINITIONAL_REPRESENTATION('',(" + s.ref(flat) + ")," + s.ref(context) + ")");
+  return s.add("PCURVE(''," + s.ref(surface) + "," + s.ref(definition) + ")");
+}
+inline int flat_line(StepText& s, double u, double v, double du, double dv) {
+  const int p = s.add("CARTESIAN_POINT(''," + reals({u, v}) + ")"), d = s.add("DIRECTION(''," + reals({du, dv}) + ")");
+  return s.add("LINE(''," + s.ref(p) + "," + s.ref(s.add("VECTOR(''," + s.ref(d) + ",1.)")) + ")");
+}
+inline int flat_circle(StepText& s, double r) {
+  const int p = s.add("CARTESIAN_POINT('',(0.,0.))"), d = s.add("DIRECTION('',(1.,0.))");
+  return s.add("CIRCLE(''," + s.ref(s.add("AXIS2_PLACEMENT_2D(''," + s.ref(p) + "," + s.ref(d) + ")")) + "," + StepText::real(r) + ")");
+}
 
 inline int drum_wall(StepText& s, const Drum& d, double r, double h, bool& same_sense) {
   same_sense = true;
@@ -159,6 +179,8 @@ inline int drum_wall(StepText& s, const Drum& d, double r, double h, bool& same_
       return spline_surface(s, 1, 2, {ring(0), ring(h)}, {circle_weights(), circle_weights()}, {2, 2}, {3, 2, 2, 2, 3}, {0, 1},
                             {0, 0.25, 0.5, 0.75, 1});
     }
+    case Drum::Wall::cone:  // one that does not widen
+      return s.add("CONICAL_SURFACE(''," + s.ref(at) + "," + s.real(r) + ",0.)");
     case Drum::Wall::offset:
       return s.add("OFFSET_SURFACE(''," + s.ref(cylinder(r - 1.5)) + ",1.5,.F.)");
     case Drum::Wall::trimmed:
@@ -208,6 +230,22 @@ inline std::vector<int> drum_rim(StepText& s, const Drum& d, double r, double z,
       pieces.push_back(s.add("COMPOSITE_CURVE_SEGMENT(.CONTINUOUS.,.T.," + s.ref(a) + ")"));
       pieces.push_back(s.add("COMPOSITE_CURVE_SEGMENT(.CONTINUOUS.,.F.," + s.ref(b) + ")"));
       return {s.edge(v, v, s.add("COMPOSITE_CURVE(''," + s.list(pieces) + ",.F.)"))};
+    }
+    case Drum::Rim::pcurve_on_wall:
+    case Drum::Rim::no_course: {
+      const int wall = s.add("CYLINDRICAL_SURFACE(''," + s.ref(s.axes({0, 0, 0}, Vec3::UnitZ(), Vec3::UnitX())) + "," + s.real(r) + ")");
+      const int p = pcurve(s, wall, flat_line(s, 0, z, 1, 0));
+      return {s.edge(v, v, d.rim == Drum::Rim::no_course ? s.add("SURFACE_CURVE('',$,(" + s.ref(p) + "),.PCURVE_S1.)") : p)};
+    }
+    case Drum::Rim::pcurve_on_plane: {
+      const int plane = s.add("PLANE(''," + s.ref(s.axes(c, Vec3::UnitZ(), Vec3::UnitX())) + ")");
+      return {s.edge(v, v, pcurve(s, plane, flat_circle(s, r)))};
+    }
+    case Drum::Rim::pcurve_arcs: {
+      const int w = s.vertex({-r, 0, z});
+      const int wall = s.add("CYLINDRICAL_SURFACE(''," + s.ref(s.axes({0, 0, 0}, Vec3::UnitZ(), Vec3::UnitX())) + "," + s.real(r) + ")");
+      const int p = pcurve(s, wall, flat_line(s, 0, z, 1, 0));
+      return {s.edge(v, w, p), s.edge(w, v, s.add("SURFACE_CURVE(''," + s.ref(p) + ",(" + s.ref(p) + "),.PCURVE_S1.)"))};
     }
     case Drum::Rim::two_arcs: {
       const int w = s.vertex({-r, 0, z});

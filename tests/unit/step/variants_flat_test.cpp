@@ -95,6 +95,12 @@ Truth box_with_front(StepText& s, const std::string& how) {
     return test::spline_surface(q, 1, 1, {{{0, 0, 0}, {0, 0, 10}}, {{30, 0, 0}, {30, 0, 10}}}, {}, {2, 2}, {2, 2}, {0, 1}, {0, 1});
   };
   if (how == "bilinear wall") front.wall = bilinear;
+  for (const std::string kind : {"BEZIER", "UNIFORM", "QUASI_UNIFORM"})
+    if (how == kind + " wall")
+      front.wall = [kind](StepText& q) {
+        return q.add(kind + "_SURFACE('',1,1," + test::rows(q, {{{0, 0, 0}, {0, 0, 10}}, {{30, 0, 0}, {30, 0, 10}}}) +
+                     ",.UNSPECIFIED.,.F.,.F.,.U.)");
+      };
   if (how == "cubic edge")
     front.curve = [](StepText& q, double z) {
       return test::spline_curve(q, 3, {{0, 0, z}, {3, 0, z}, {11, 0, z}, {30, 0, z}}, {4, 4}, {-5, 7});
@@ -281,8 +287,9 @@ std::vector<Variant> flat() {
   std::vector<Variant> all;
   all.push_back({"faceted brep", [](StepText& s) { return faceted_box(s, "FACETED_BREP"); }});
   all.push_back({"poly loops in a manifold brep", [](StepText& s) { return faceted_box(s, "MANIFOLD_SOLID_BREP"); }});
-  for (const std::string how : {"bilinear wall", "cubic edge", "unclamped edge", "polyline edge", "quasi uniform edge", "bezier edge",
-                                "offset edge", "offset spline edge", "composite edge", "long vector"})
+  for (const std::string how :
+       {"bilinear wall", "BEZIER wall", "UNIFORM wall", "QUASI_UNIFORM wall", "cubic edge", "unclamped edge", "polyline edge",
+        "quasi uniform edge", "bezier edge", "offset edge", "offset spline edge", "composite edge", "long vector"})
     all.push_back({how, [how](StepText& s) { return box_with_front(s, how); }});
   for (const std::string how : {"cylinder", "extruded circle", "extruded trimmed arc", "extruded arc trimmed backwards", "extruded spline"})
     all.push_back({"half disc " + how, [how](StepText& s) { return half_disc(s, how); }});
@@ -299,6 +306,26 @@ std::vector<Variant> flat() {
     all.push_back({"triangles " + how, [how](StepText& s) { return triangles(s, how); }});
   return all;
 }
+// Every edge brings vertices of its own, at the places of its neighbours'.
+TEST(Contradictions, VerticesThatAreNotShared) {
+  StepText s;
+  s.part({test::add_box(s, {0, 0, 0}, {30, 20, 10})});
+  std::string text = s.text();
+  int fresh = 100000;
+  for (std::size_t at = text.find("EDGE_CURVE(''"); at != std::string::npos; at = text.find("EDGE_CURVE(''", at + 1))
+    for (int k = 0; k < 2; ++k) {
+      std::size_t from = text.find('#', at);
+      if (k) from = text.find('#', from + 1);
+      const std::size_t to = text.find(',', from);
+      const std::string old = text.substr(from, to - from), entity = "\n" + old + "=VERTEX_POINT('',";
+      const std::size_t point = text.find('#', text.find(entity) + entity.size() - 1);
+      const std::string p = text.substr(point, text.find(')', point) - point);
+      text.replace(from, to - from, "#" + std::to_string(++fresh));
+      text.insert(text.rfind("ENDSEC;"), "#" + std::to_string(fresh) + "=VERTEX_POINT(''," + p + ");\n");
+    }
+  test::expect_truth(text, {6000, 2200, 240, 6, 1});
+}
+
 // A face whose sense contradicts its loop, while its loop agrees with its neighbours: the loop rules. A loop that runs against all its
 // neighbours: the sense rules.
 TEST(Contradictions, SensesAndLoopsThatContradictEachOther) {

@@ -40,7 +40,8 @@ std::vector<Variant> drums() {
                                                       {"rational turned", Drum::Wall::rational_turned},
                                                       {"offset", Drum::Wall::offset},
                                                       {"trimmed", Drum::Wall::trimmed},
-                                                      {"curve bounded", Drum::Wall::curve_bounded}};
+                                                      {"curve bounded", Drum::Wall::curve_bounded},
+                                                      {"cone of no angle", Drum::Wall::cone}};
   const std::pair<const char*, Drum::Rim> rims[] = {{"circle", Drum::Rim::circle},
                                                     {"circle reversed", Drum::Rim::circle_reversed},
                                                     {"ellipse", Drum::Rim::ellipse},
@@ -49,7 +50,11 @@ std::vector<Variant> drums() {
                                                     {"trimmed", Drum::Rim::trimmed},
                                                     {"surface curve", Drum::Rim::surface_curve},
                                                     {"composite", Drum::Rim::composite},
-                                                    {"two arcs", Drum::Rim::two_arcs}};
+                                                    {"two arcs", Drum::Rim::two_arcs},
+                                                    {"pcurve on the wall", Drum::Rim::pcurve_on_wall},
+                                                    {"pcurve on a plane", Drum::Rim::pcurve_on_plane},
+                                                    {"surface curve without a course", Drum::Rim::no_course},
+                                                    {"arcs of a pcurve", Drum::Rim::pcurve_arcs}};
   for (const auto& [wall_name, wall] : walls)
     for (const bool has_seam : {false, true}) {
       Drum d;
