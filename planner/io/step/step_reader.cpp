@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <unordered_map>
 
 #include "planner/geom/mesh_brep.hpp"
 #include "planner/io/step/classify.hpp"
@@ -231,10 +232,12 @@ Result<Done<Brep>> read_step(std::string_view bytes, const std::string& name, co
          .stage = "input"});
 
   std::vector<std::pair<std::int64_t, Body>> bodies;
+  std::unordered_map<std::int64_t, std::vector<const BodyUse*>> uses_of;
   double diagonal = 0;
   for (const BodyUse& use : model.bodies) {
-    const auto it = std::find_if(bodies.begin(), bodies.end(), [&](const auto& b) { return b.first == use.body; });
-    if (it != bodies.end()) continue;
+    auto& uses = uses_of[use.body];
+    uses.push_back(&use);
+    if (uses.size() > 1) continue;
     binder.units = use.units;
     bodies.emplace_back(use.body, read_body(binder, use.body, out.unread));
     diagonal = std::max(diagonal, outline_of(bodies.back().second).diagonal_mm());
@@ -262,8 +265,7 @@ Result<Done<Brep>> read_step(std::string_view bytes, const std::string& name, co
     for (const TopoEdge& e : body.edges)
       length += 9 + (evaluate(e.curve, e.t1).p - evaluate(e.curve, e.t0).p).norm() +
                 (e.is_closed ? 4 * (evaluate(e.curve, 0.5 * (e.t0 + e.t1)).p - evaluate(e.curve, e.t0).p).norm() : 0);
-    const double uses = static_cast<double>(
-        std::count_if(model.bodies.begin(), model.bodies.end(), [&, key = id](const BodyUse& u) { return u.body == key; }));
+    const double uses = static_cast<double>(uses_of[id].size());
     samples += uses * length / std::max(options.edge_step_mm, 1e-3);
     placed_faces += uses * static_cast<double>(body.faces.size());
   }
@@ -289,19 +291,18 @@ Result<Done<Brep>> read_step(std::string_view bytes, const std::string& name, co
     const std::vector<BrepEdge> edges = classify_edges(body, edge_step_mm, rad_from_deg(10));
     timing.topology_s += lap();
     int nth = 0;
-    for (const BodyUse& use : model.bodies)
-      if (use.body == id) place(body, mesh, edges, use, ++nth, styles, out);
+    for (const BodyUse* use : uses_of[id]) place(body, mesh, edges, *use, ++nth, styles, out);
   }
   drop_unused_vertices(out.mesh);
   for (const BrepEdge& e : out.edges)
     for (const Vec3& p : e.p) out.box.extend(p);
   if (!options.want_mesh)  // faces without edges
-    for (const BodyUse& use : model.bodies) {
-      const auto it = std::find_if(bodies.begin(), bodies.end(), [&](const auto& b) { return b.first == use.body; });
-      const Box3 box = outline_of(it->second);
-      for (int k = 0; k < 8 && !box.is_empty(); ++k)
-        out.box.extend(use.T_root_body * Vec3(k & 1 ? box.max_mm.x() : box.min_mm.x(), k & 2 ? box.max_mm.y() : box.min_mm.y(),
-                                              k & 4 ? box.max_mm.z() : box.min_mm.z()));
+    for (const auto& [id, body] : bodies) {
+      const Box3 box = outline_of(body);
+      for (const BodyUse* use : uses_of[id])
+        for (int k = 0; k < 8 && !box.is_empty(); ++k)
+          out.box.extend(use->T_root_body * Vec3(k & 1 ? box.max_mm.x() : box.min_mm.x(), k & 2 ? box.max_mm.y() : box.min_mm.y(),
+                                                 k & 4 ? box.max_mm.z() : box.min_mm.z()));
     }
   for (const Vec3& v : out.mesh.vertices) out.box.extend(v);
   out.chord_max_mm = chord_max_mm;
