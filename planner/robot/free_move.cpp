@@ -198,6 +198,8 @@ std::vector<JointVector> path_of(const ob::ProblemDefinitionPtr& problem) {
   return q;
 }
 
+constexpr unsigned kIdleBatchesMax = 30;
+
 }  // namespace
 
 std::optional<std::vector<JointVector>> find_free_move(const CollisionScene& scene, const std::vector<Watch>& watches, const JointVector& q_start,
@@ -227,7 +229,14 @@ std::optional<std::vector<JointVector>> find_short_move(const CollisionScene& sc
   planner->setup();
   int asked = 0;
   const CertifiedMotion& motions = *s->motions;
-  const ob::PlannerTerminationCondition budget([&] { return motions.count() >= certificates_count || ++asked > 20 * certificates_count; });
+  // batch after batch without a single motion to be looked at: no sample can be joined to either end (one of them is walled in)
+  unsigned batch_of_progress = 0;
+  int certificates_before = 0;
+  const ob::PlannerTerminationCondition budget([&, search = planner.get()] {
+    const int now = static_cast<int>(motions.count());
+    if (now != certificates_before) certificates_before = now, batch_of_progress = search->numBatches();
+    return now >= certificates_count || ++asked > 20 * certificates_count || search->numBatches() > batch_of_progress + kIdleBatchesMax;
+  });
   const ob::PlannerStatus status = planner->solve(budget);
   if (status != ob::PlannerStatus::EXACT_SOLUTION) return std::nullopt;
   return shortened(scene, watches, path_of(s->problem));

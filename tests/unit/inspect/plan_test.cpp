@@ -102,6 +102,7 @@ TEST(Inspect, a_blocked_direction_gives_an_alternative_in_the_cone) {
   s.job.cell.robot.accuracy.absolute.mean_mm = 0.3;  // a leaning view is allowed the arm's error of another posture
   Obstacle wall{"wall", transformed(s.location.T_base_part, box_mesh({-40, 14, kBlockZ + 1}, {140, 30, kBlockZ + 100}))};
   s.job.cell.obstacles.push_back(wall);
+  for (Recipe& r : s.job.recipes) r.tolerance_mm *= 1.5;  // an arm tilted away from the working posture costs accuracy: that is the budget's own test
   InspectRecipe recipe;
   const auto plan = plan_inspection(recipe, s.job, s.location);
   ASSERT_TRUE(plan.has_value()) << plan.error()[0].code << " " << plan.error()[0].message;
