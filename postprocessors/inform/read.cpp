@@ -134,7 +134,12 @@ class Reader {
         const auto v = six(s);
         if (!user_frames_.emplace(*number, Pose<frame::Base, frame::Work>(rotation(v), Vec3(v[0], v[1], v[2]))).second)
           fail(line, "read.name", "user frame " + std::to_string(*number) + " is given twice", *number);
-      } else if (!s.accept("///NAME") && !s.accept("///TOOL") && !s.accept("///GROUP")) {
+      } else if (s.accept("///GROUP")) {  // the frame of another control group is another frame
+        for (const char* t : {"1", ",", "0", ",", "0"}) s.expect(t);
+        s.expect_end();
+      } else if (s.accept("///TOOL")) {
+        s.expect_integer("the tool", 0, 63), s.expect_end();
+      } else if (!s.accept("///NAME")) {
         s.unknown();
       }
     }
@@ -471,7 +476,10 @@ class Reader {
                             last_->T_work_tool.q.coeffs() == p.T_work_tool.q.coeffs();
       if (!is_there) build_.linear(line, p.T_work_tool, speed, blend), no_wait(s);
       else if (blend > 0) fail(line, "read.spline", "the points of a spline are passed exactly", blend, 0, "mm");
+      arc_start_speed_ = is_there ? speed : 0;
     } else {
+      if (arc_start_speed_ > 0 && speed != arc_start_speed_) fail(line, "read.spline", "the start of a spline has another speed than its first point", arc_start_speed_, speed, "mm/s");
+      arc_start_speed_ = 0;
       if (blend > 0) fail(line, "read.spline", "the points of a spline are passed exactly", blend, 0, "mm");
       during_ = -1;
       build_.spline(line, p.T_work_tool, speed);

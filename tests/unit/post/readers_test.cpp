@@ -309,6 +309,42 @@ const Bad kBad[] = {
     {Language::beckhoff, "read.call", "M05", "LL ELSEWHERE"},
 };
 
+TEST(PostReaders, inform_frames_and_starts_of_splines_say_what_they_are) {
+  PostContext context = post_context();
+  context.cell.controller.options["inform.user_frame"] = "5";
+  const Post& post = *find_post(Language::inform);
+  int edits = 0;
+  for (int seed = 1; seed <= 20; ++seed) {
+    const auto text = post.write(random_program(seed, {.has_arcs = false, .has_new_frames = false}), context);
+    ASSERT_TRUE(text);
+    const auto refused = [&](std::size_t file, const std::string& from, const std::string& to, const char* code) {
+      ProgramText t = *text;
+      const std::size_t at = t.files[file].bytes.find(from);
+      if (at == std::string::npos) return;
+      ++edits;
+      t.files[file].bytes.replace(at, from.size(), to);
+      const auto back = post.read(t, context);
+      ASSERT_FALSE(back) << from << " -> " << to;
+      EXPECT_EQ(back.error().front().code, code);
+    };
+    refused(text->files.size() - 1, "///GROUP 1,0,0", "///GROUP 2,0,0", "read.unknown");
+    // a spline behind a spline starts where the tool stands: its first line moves nothing, and its speed must be the next one's
+    const std::string& s = text->files[0].bytes;
+    for (std::size_t at = s.find("MOVS "); at != std::string::npos; at = s.find("MOVS ", at + 5)) {
+      const std::size_t before = s.rfind("MOV", at - 1), v = s.find("V=", at) + 2, end = s.find(' ', v);
+      const std::string c = s.substr(at + 5, 6), b = s.substr(before + 5, 6);
+      if (s[before + 3] == 'S' || s.substr(s.find(c + "="), 60).substr(7, 30) != s.substr(s.find(b + "="), 60).substr(7, 30)) continue;
+      ProgramText t = *text;
+      t.files[0].bytes.replace(v, end - v, "1.7");
+      ++edits;
+      const auto back = post.read(t, context);
+      ASSERT_FALSE(back) << s.substr(before, 120);
+      EXPECT_EQ(back.error().front().code, "read.spline");
+    }
+  }
+  EXPECT_GT(edits, 20);
+}
+
 /// Near the stretched arm both elbows have the same signs: which one is meant is not said, and nothing is guessed.
 TEST(PostReaders, two_postures_of_one_status_and_turn_are_refused) {
   const PostContext context = post_context();
