@@ -73,6 +73,7 @@ std::string harmless(Language language, const std::string& line, const std::stri
   }
   if (language == Language::inform) {
     if (has("///DATE")) return "the time of day, or a date the rules warn of";
+    if (has("///NAME")) return "what a frame is called on the pendant";
     if (has("///ATTR")) return "an attribute of the pendant";
     if (has("///RCONF")) return "a flag of the posture: the arm stands in it already when the path begins";
     if (has("AOUT")) return "the same statement twice";
