@@ -177,10 +177,6 @@ void carve(std::vector<Carving>& carved, double f_1, double f_2, double s, const
   }
 }
 
-}  // namespace
-
-namespace {
-
 /// 1 sd of a capture's place along the two normals of an edge, at its middle.
 std::array<double, 2> doubt_mm(const Location& location, const AdaptedEdge& edge, std::size_t capture) {
   if (capture >= location.corrections.size() || capture >= location.correction_covariances.size() || edge.adapted.empty()) return {0, 0};

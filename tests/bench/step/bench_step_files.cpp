@@ -19,6 +19,7 @@
 #include "planner/io/step/p21.hpp"
 #include "planner/io/step/step_reader.hpp"
 #include "planner/io/step/tessellate.hpp"
+#include "tests/bench/step/corpus_files.hpp"
 #include "tests/bench/step/other_readers.hpp"
 
 namespace fs = std::filesystem;
@@ -85,13 +86,8 @@ int main(int argc, char** argv) {
     o.chord_mm = std::atof(argv[3]), o.angle_rad = 0.5;
     return bytes.empty() || read_step(bytes, argv[2], o) ? 0 : 1;
   }
-  const char* dir = std::getenv("ASBUILT_STEP_DIR");
-  const fs::path root = dir ? dir : "../shared/data/step";
-  if (!fs::exists(root)) return std::printf("no %s here\n", root.c_str()), 0;
-  std::vector<fs::path> files;
-  for (const auto& e : fs::directory_iterator(root))
-    if (e.path().extension() == ".step" || e.path().extension() == ".stp") files.push_back(e.path());
-  std::sort(files.begin(), files.end());
+  const std::vector<fs::path> files = bench::corpus_files();
+  if (files.empty()) return 0;
   std::printf("%-42s %7s %8s %8s %6s %8s %8s %8s %8s %6s %8s %8s\n", "file", "MB", "parse", "plain", "times", "bind", "B-rep s", "mesh s",
               "CGAL s", "times", "tri", "peak MB");
   double bytes_sum = 0, parse_sum = 0, plain_sum = 0, bind_sum = 0, brep_sum = 0, all_sum = 0, mesh_sum = 0, cgal_sum = 0, worst = 0,

@@ -6,19 +6,15 @@
 #include <filesystem>
 #include <fstream>
 
+#include "tests/bench/step/corpus_files.hpp"
 #include "tests/unit/step/rewrite_check.hpp"
 
 namespace fs = std::filesystem;
 using namespace asbuilt;
 
 int main(int argc, char** argv) {
-  const char* dir = std::getenv("ASBUILT_STEP_DIR");
-  const fs::path root = dir ? dir : "../shared/data/step";
-  if (!fs::exists(root)) return std::printf("no %s here\n", root.c_str()), 0;
-  std::vector<fs::path> files;
-  for (const auto& e : fs::directory_iterator(root))
-    if (e.path().extension() == ".step" || e.path().extension() == ".stp") files.push_back(e.path());
-  std::sort(files.begin(), files.end());
+  const std::vector<fs::path> files = bench::corpus_files();
+  if (files.empty()) return 0;
   struct Row {
     int files = 0, bad = 0;
     double area = 0, volume = 0, convex = 0;

@@ -9,19 +9,15 @@
 #include <fstream>
 
 #include "planner/io/step/step_reader.hpp"
+#include "tests/bench/step/corpus_files.hpp"
 #include "tests/unit/step/mesh_truth.hpp"
 
 namespace fs = std::filesystem;
 using namespace asbuilt;
 
 int main(int argc, char** argv) {
-  const char* dir = std::getenv("ASBUILT_STEP_DIR");
-  const fs::path root = dir ? dir : "../shared/data/step";
-  if (!fs::exists(root)) return std::printf("no %s here\n", root.c_str()), 0;
-  std::vector<fs::path> files;
-  for (const auto& e : fs::directory_iterator(root))
-    if (e.path().extension() == ".step" || e.path().extension() == ".stp") files.push_back(e.path());
-  std::sort(files.begin(), files.end());
+  const std::vector<fs::path> files = bench::corpus_files();
+  if (files.empty()) return 0;
   std::printf("%-42s %9s %8s %9s %9s %9s %9s %8s %8s %s\n", "file", "chord mm", "tri", "inside/c", "edges/c", "over", "turn/a", "turns>",
               "closed", "euler");
   std::size_t samples = 0, over = 0, turns = 0, turns_over = 0, singular = 0, short_singular = 0;
