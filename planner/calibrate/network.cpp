@@ -416,6 +416,33 @@ Working working_of(const NetworkRecipe& recipe, const Network& network, const Ne
   return w;
 }
 
+/// How much the covariance grows because its sds are themselves estimated from a limited number of observations: the variance of
+/// Student's distribution, nu / (nu - 2), nu after Satterthwaite from the share of each variance in the mount's covariance.
+double student_ratio(const Working& w, const NetworkRecipe& recipe, const Statistics& s) {
+  const auto& is_free = w.network.is_mount_free;
+  std::vector<int> mount;
+  for (int i = 0; i < 6; ++i)
+    if (is_free[static_cast<std::size_t>(i)]) mount.push_back(i);
+  if (mount.empty() || recipe.belief_count > 1e5) return 1;
+  double r_mm = 0, r_rad = 0;
+  for (std::size_t k = 0; k < s.robot_dof_mm.size(); ++k) r_mm += s.robot_dof_mm[k], r_rad += s.robot_dof_rad[k];
+  const double r_sensor = std::max(0.0, s.observations - s.common - r_mm - r_rad);
+  const Eigen::MatrixXd inverse = Eigen::MatrixXd(s.covariance(mount, mount)).ldlt().solve(Eigen::MatrixXd::Identity(static_cast<Eigen::Index>(mount.size()), static_cast<Eigen::Index>(mount.size())));
+  constexpr double kStep = 1e-3;
+  double one_by_nu = 0;
+  const auto add = [&](double Sds::* sd, double dof) {
+    Working other = w;
+    other.sds.*sd *= 1 + 0.5 * kStep;  // the variance by kStep
+    const Eigen::MatrixXd change = statistics_of(other).covariance(mount, mount) - s.covariance(mount, mount);
+    const double share = std::clamp((inverse * change).trace() / static_cast<double>(mount.size()) / kStep, 0.0, 1.0);
+    one_by_nu += share * share / (recipe.belief_count + dof);
+  };
+  add(&Sds::robot_mm, r_mm), add(&Sds::robot_rad, r_rad);
+  if (w.network.sight != Sight::pose) add(&Sds::sensor, r_sensor);
+  const double nu = std::max(4.0, 1 / std::max(1e-9, one_by_nu));
+  return nu / (nu - 2);
+}
+
 }  // namespace
 
 NetworkSolution solve_network(const NetworkRecipe& recipe, const Network& network, const NetworkState& start) {
@@ -475,7 +502,7 @@ NetworkSolution solve_network(const NetworkRecipe& recipe, const Network& networ
   out.is_converged = w.is_converged;
   out.cost = cost;
   out.dof = static_cast<int>(s.observations) - s.common;
-  out.covariance = s.covariance, out.information = s.information, out.view_information = std::move(s.shares);
+  out.covariance = student_ratio(w, recipe, s) * s.covariance, out.information = s.information, out.view_information = std::move(s.shares);
   out.sensor_sd = w.sds.sensor, out.sensor_sd_rad = w.sds.sensor_rad, out.robot_sd_mm = w.sds.robot_mm, out.robot_sd_rad = w.sds.robot_rad;
   for (std::size_t k = 0; k < wanted.size(); ++k) out.robot_dof += s.robot_dof_mm[k] + s.robot_dof_rad[k];
   out.outliers = std::move(outliers);

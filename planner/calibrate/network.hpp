@@ -102,7 +102,8 @@ struct NetworkSolution {
   bool is_converged = false;
   double cost = 0;              // half the sum of squared whitened residuals
   int dof = 0;
-  // of the free parameters in the order mount (6), target (6), sensor, arm; zero rows where held
+  // of the free parameters in the order mount (6), target (6), sensor, arm; zero rows where held; widened for sds that are
+  // themselves estimated (Student)
   Eigen::MatrixXd covariance;
   Eigen::MatrixXd information;  // the inverse before held parameters were taken out; robot errors marginalised
   std::vector<Eigen::MatrixXd> view_information;  // each view's part of it

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Many simulated calibrations against their known truth. study_calibrate hand-eye|cover|check|arm [COUNT] [SEED]
+// Many simulated calibrations against their known truth. study_calibrate hand-eye|cover|check|arm [COUNT] [SEED] [ONLY]
 #include <Eigen/Dense>
 #include <cmath>
 #include <cstdio>
@@ -88,7 +88,8 @@ void hand_eye(int count, std::uint64_t seed) {
   }
 }
 
-void cover(int count, std::uint64_t seed) {
+/// `only`: part of a case's name, for long runs of one.
+void cover(int count, std::uint64_t seed, const std::string& only) {
   std::printf("%d simulated calibrations each: share of truths inside the 95 %% bands of the six parameters, of the looked-at point's 95 %% ellipsoid, NEES/6\n", count);
   struct Case {
     const char* name;
@@ -102,6 +103,7 @@ void cover(int count, std::uint64_t seed) {
                         {"board, camera free", {.views_count = 20, .tilt_deg = 35, .robot_mm = 0.1, .robot_rad = 2e-4, .noise_mm = 0.1, .sight = Sight::pixel}, true},
                         {"laser lines on a ball", {.views_count = 20, .tilt_deg = 45, .robot_mm = 0.1, .robot_rad = 1e-4, .noise_mm = 0.02, .sight = Sight::sphere}}};
   for (const Case& c : cases) {
+    if (std::string(c.name).find(only) == std::string::npos) continue;
     double inside = 0, ellipsoid = 0, nees = 0;
     for (int k = 0; k < count; ++k) {
       RigOptions o = c.options;
@@ -232,7 +234,7 @@ int main(int argc, char** argv) {
   const int count = argc > 2 ? std::atoi(argv[2]) : 100;
   const std::uint64_t seed = argc > 3 ? std::strtoull(argv[3], nullptr, 10) : 10000;
   if (what == "hand-eye") hand_eye(count, seed);
-  else if (what == "cover") cover(count, seed);
+  else if (what == "cover") cover(count, seed, argc > 4 ? argv[4] : "");
   else if (what == "check") check(count, seed);
   else if (what == "arm") arm(count, seed);
   else return std::printf("study_calibrate hand-eye|cover|check|arm [COUNT] [SEED]\n"), 2;
