@@ -1,4 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
+# What nearly every file needs, precompiled once for the program and once more, with GoogleTest, for the tests.
+set(ASBUILT_PCH_HEADERS <Eigen/Dense> <Eigen/Geometry> <algorithm> <array> <cmath> <functional> <map> <memory> <nlohmann/json.hpp> <optional>
+    <string> <tl/expected.hpp> <unordered_map> <variant> <vector> <fmt/format.h>)
+
 # room(NAME SOURCES .. USES rooms.. LIBS third-party..): one static library asbuilt_NAME per room.
 # USES are rooms (linked PUBLIC), LIBS are third-party targets used only in .cpp files (PRIVATE).
 function(room NAME)
@@ -14,6 +18,13 @@ function(room NAME)
   endif()
 endfunction()
 
+# use_pch(TARGET): an executable of the program with the headers of the rooms, precompiled once.
+function(use_pch TARGET)
+  if(ASBUILT_PCH)
+    target_precompile_headers(${TARGET} REUSE_FROM asbuilt_base)
+  endif()
+endfunction()
+
 # room_test(NAME SOURCES .. USES rooms.. [LABELS ..]): one test executable test_NAME, its cases registered with CTest.
 # Tests run in the source folder; tests that need ../shared/data skip with a message where it is absent.
 function(room_test NAME)
@@ -24,6 +35,9 @@ function(room_test NAME)
     target_link_libraries(test_${NAME} PRIVATE asbuilt_${u})
   endforeach()
   target_link_libraries(test_${NAME} PRIVATE ${T_LIBS} GTest::gtest_main)
+  if(ASBUILT_PCH)
+    target_precompile_headers(test_${NAME} REUSE_FROM asbuilt_test_headers)
+  endif()
   if(NOT T_LABELS)
     set(T_LABELS unit)
   endif()
