@@ -3,6 +3,7 @@
 // to the next sharp edge, samples of the surface, rays. Frame: part.
 #pragma once
 
+#include <memory>
 #include <optional>
 #include <vector>
 
@@ -36,6 +37,7 @@ struct CadModel {
   double size_mm = 0;              // diagonal
   std::vector<Vec3> face_centers;  // mean of the face's samples (of its triangles where it has none)
   std::vector<double> face_radii_mm;
+  std::shared_ptr<const struct CadFreeSearch> free_search;  // see prepare_free_search; empty until then
 
   std::vector<std::shared_ptr<const FootSeeds>> feet;  // by face; none where feet have a closed form
 

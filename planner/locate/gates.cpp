@@ -269,10 +269,15 @@ std::optional<Refusal> check_adjusted(const LocateRecipe& recipe, const Job& job
                    .limit = kInformationMin,
                    .unit = "ratio",
                    .stage = "locate"};
+  return check_play(job, location.T_base_part);
+}
+
+std::optional<Refusal> check_play(const Job& job, const Pose<frame::Base, frame::Part>& T_base_part) {
+  const std::string item = "item " + job.item_id;
   // Play: a little more is let through than asked, because the fixture's own place is known to the robot's accuracy only.
   const Pose<frame::Base, frame::Part> nominal = job.fixture.T_base_fixture * job.fixture.T_fixture_part;
-  const Vec3 shift = job.fixture.T_base_fixture.rotation().transpose() * (location.T_base_part.p_mm - nominal.p_mm);
-  const Mat3 R = (nominal.q.conjugate() * location.T_base_part.q).toRotationMatrix();
+  const Vec3 shift = job.fixture.T_base_fixture.rotation().transpose() * (T_base_part.p_mm - nominal.p_mm);
+  const Mat3 R = (nominal.q.conjugate() * T_base_part.q).toRotationMatrix();
   const Vec3 angles(std::atan2(R(2, 1), R(2, 2)), std::asin(std::clamp(-R(2, 0), -1.0, 1.0)), std::atan2(R(1, 0), R(0, 0)));
   const double extra_mm = 1.0 + 2 * job.cell.robot.accuracy.absolute.mean_mm, extra_rad = rad_from_deg(0.3);
   for (int a = 0; a < 3; ++a) {

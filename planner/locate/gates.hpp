@@ -5,18 +5,11 @@
 #include <optional>
 #include <vector>
 
-#include <tbb/parallel_for.h>
-
 #include "planner/locate/adjust.hpp"
 #include "planner/locate/locate.hpp"
 #include "planner/locate/search.hpp"
 
 namespace asbuilt {
-
-template <class T, class F>
-void for_each_parallel(std::vector<T>& all, const F& f) {
-  tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) { f(all[i]); });
-}
 
 /// locate.no_match: the best hypothesis does not look like the scan.
 std::optional<Refusal> check_match(const LocateRecipe& recipe, const Job& job, const std::vector<Candidate>& found);
@@ -36,6 +29,9 @@ std::optional<Refusal> check_converged(const Job& job, const Adjusted& adjusted)
 /// locate.captures_contradict, locate.unobservable, locate.outside_play, locate.no_match.
 std::optional<Refusal> check_adjusted(const LocateRecipe& recipe, const Job& job, const CadModel& cad, const MeasuredCloud& cloud,
                                       const RobotPrior& prior, const AdjustRequest& request, const Adjusted& adjusted, const Location& location);
+
+/// locate.outside_play. A little more is let through than asked, because the fixture's own place is known to the robot's accuracy only.
+std::optional<Refusal> check_play(const Job& job, const Pose<frame::Base, frame::Part>& T_base_part);
 
 /// The two captures whose shared cells are farthest apart, measured in what calibration and robot allow (1 sd).
 struct Contradiction {

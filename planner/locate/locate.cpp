@@ -18,30 +18,7 @@ namespace asbuilt {
 namespace {
 
 constexpr double kSearchMarginMm = 30.0;
-constexpr std::size_t kRaysRough = 1500, kRaysFine = 8000, kFineHypotheses = 12;
-constexpr double kCloseMargin = 40.0;  // of a log-likelihood by kRaysFine rays
-
-std::vector<Candidate> search(const CadModel& cad, const Scene& scene, const Job& job, const MeasuredCloud& cloud) {
-  std::vector<Candidate> all = descend(cad, scene, job.fixture);
-  std::vector<Vec3> sensors;
-  for (const CloudCapture& c : cloud.captures) sensors.push_back(c.T_base_sensor.p_mm);
-  const auto by_likelihood = [](const Candidate& a, const Candidate& b) { return a.log_likelihood > b.log_likelihood; };
-  for_each_parallel(all, [&](Candidate& c) { look_along_rays(cad, scene, sensors, kRaysRough, c); });
-  std::stable_sort(all.begin(), all.end(), by_likelihood);
-  if (all.size() > kFineHypotheses) all.resize(kFineHypotheses);
-  for_each_parallel(all, [&](Candidate& c) { settle_turn(cad, scene, job.fixture, sensors, kRaysRough, c); });
-  for_each_parallel(all, [&](Candidate& c) { look_along_rays(cad, scene, sensors, kRaysFine, c); });
-  std::stable_sort(all.begin(), all.end(), by_likelihood);
-  // What is close to the best by a sample of the rays is compared with it by all of them.
-  const auto is_close = [&](const Candidate& c) { return all.front().log_likelihood - c.log_likelihood < kCloseMargin; };
-  for (std::size_t i = 1; i < all.size() && is_close(all[i]); ++i)
-    if (preference(cad, scene, sensors, all.front(), all[i]) < 0) std::swap(all.front(), all[i]);
-  for (std::size_t i = 1; i < all.size(); ++i)
-    if (std::abs(all.front().log_likelihood - all[i].log_likelihood) < kCloseMargin)
-      all[i].log_likelihood = all.front().log_likelihood - preference(cad, scene, sensors, all.front(), all[i]);
-  std::stable_sort(all.begin() + (all.empty() ? 0 : 1), all.end(), by_likelihood);
-  return all;
-}
+constexpr double kSureInlierRatio = 0.8, kSureSeeThroughRatio = 0.02;  // of a part found where the fixture does not let it be
 
 /// Twist in base about center -> twist in the child frame of T_base_child, as a matrix.
 template <class B>
@@ -81,6 +58,28 @@ Location make_location(const Job& job, const CadModel& cad, const RobotPrior& pr
   return out;
 }
 
+/// Candidates, best first, that look like the scan. Where nothing does in the fixture's play the part is looked for in any turn near it:
+/// so the refusal can say how it would fit.
+Result<std::vector<Candidate>> search(const LocateRecipe& recipe, const Job& job, const MeasuredCloud& cloud, const Scene& scene, CadModel& cad) {
+  std::vector<Vec3> sensors;
+  for (const CloudCapture& c : cloud.captures) sensors.push_back(c.T_base_sensor.p_mm);
+  if (is_free(job.fixture)) prepare_free_search(cad);
+  std::vector<Candidate> found = find_candidates(cad, scene, job.fixture, sensors);
+  auto refusal = check_match(recipe, job, found);
+  if (!refusal) return found;
+  if (!is_free(job.fixture) && !found.empty()) {
+    prepare_free_search(cad);
+    const std::vector<Candidate> anywhere = find_candidates(cad, scene, opened(job.fixture, cad.size_mm), sensors);
+    const bool is_sure = !anywhere.empty() && anywhere.front().inlier_ratio > kSureInlierRatio && anywhere.front().see_through_ratio < kSureSeeThroughRatio;
+    if (is_sure && !check_match(recipe, job, anywhere) && !check_ambiguity(recipe, job, cad, anywhere)) {
+      const auto outside = check_play(job, anywhere.front().T_base_part);
+      if (!outside) return anywhere;
+      refusal->message += " It does fit where the fixture does not let it be. " + outside->message;
+    }
+  }
+  return refuse(std::move(*refusal));
+}
+
 std::string motion_in_words(const CadModel& cad, const Pose<frame::Base, frame::Part>& best, const Pose<frame::Base, frame::Part>& other) {
   const Pose<frame::Part, frame::Part> motion = best.inverse() * other;
   const Vec3 w = quat_log(motion.q);
@@ -95,10 +94,11 @@ std::string motion_in_words(const CadModel& cad, const Pose<frame::Base, frame::
 
 Result<Done<Location>> locate(const LocateRecipe& recipe, const Job& job, const MeasuredCloud& cloud) {
   must(!job.part.brep.mesh.triangles.empty(), "locate: the part has no mesh");
-  const CadModel cad = make_cad_model(job.part, kSearchMarginMm);
+  CadModel cad = make_cad_model(job.part, kSearchMarginMm);
   const Scene scene = make_scene(job, cloud, std::clamp(cad.size_mm / 70, 1.5, 6.0), 2.0);
-  const std::vector<Candidate> found = search(cad, scene, job, cloud);
-  if (auto refusal = check_match(recipe, job, found)) return refuse(std::move(*refusal));
+  const auto searched = search(recipe, job, cloud, scene, cad);
+  if (!searched) return tl::unexpected<Refusals>(searched.error());
+  const std::vector<Candidate>& found = *searched;
   const std::vector<Hypothesis> hypotheses = [&] {
     std::vector<Hypothesis> out;
     for (const Candidate& c : found)

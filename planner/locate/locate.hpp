@@ -20,8 +20,9 @@ struct LocateRecipe {
 
 /// Frames    cloud in base as commanded; out: everything as the controller has to be told (the robot's error at the cut is taken
 ///           off), see Location.
-/// Method    starts over the fixture's play, descent on the drawing's distance grid, likelihood along rays; then one adjustment
-///           of part, arm, hand-eye and the part's own imperfection (robust Gauss-Newton, captures tied by shared cells).
+/// Method    starts over the fixture's play (every rotation by votes where the turn is open, or where nothing fits in the play),
+///           descent on the drawing's distance grid, likelihood along rays; then one adjustment of part, arm, hand-eye and the
+///           part's own imperfection (robust Gauss-Newton, captures tied by shared cells).
 /// Refuses   locate.no_match, locate.ambiguous, locate.not_converged, locate.captures_contradict, locate.unobservable,
 ///           locate.outside_play, and what Robot::from refuses.
 /// Promises  same bytes for same bytes and for points in any order; moving the scan moves the answer.

@@ -3,127 +3,48 @@
 
 #include <tbb/parallel_for.h>
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <optional>
+
+#include "planner/base/result.hpp"
+#include "planner/locate/descent.hpp"
 
 namespace asbuilt {
 namespace {
 
-constexpr double kScoreReachMm = 14.0;
+constexpr int kFreeRotations = 2000;
+constexpr std::size_t kVoters = 60, kShifts = 3, kDescents = 400;
+constexpr std::size_t kRaysRough = 1500, kRaysFine = 8000, kFineHypotheses = 12, kLookedAt = 60;
+constexpr double kCloseMargin = 40.0;  // of a log-likelihood by kRaysFine rays
 
-/// Evenly spread rotations on S^3.
-std::vector<Eigen::Quaterniond> super_fibonacci(int count) {
-  const double phi = std::sqrt(2.0), psi = 1.533751168755204288118041;
-  std::vector<Eigen::Quaterniond> out;
-  for (int i = 0; i < count; ++i) {
-    const double s = i + 0.5, t = s / count, d = 2 * kPi * s;
-    const double r = std::sqrt(t), R = std::sqrt(1 - t), a = d / phi, b = d / psi;
-    out.emplace_back(R * std::cos(b), r * std::sin(a), r * std::cos(a), R * std::sin(b));
-  }
-  return out;
+Descent descent_of(const CadModel& cad, const Scene& scene, const FixtureSpec& fixture) {
+  const bool is_held = !is_free(fixture) || fixture.play_mm.maxCoeff() < 0.5 * cad.size_mm;
+  return {cad, scene, fixture.T_base_fixture * fixture.T_fixture_part, fixture.play_mm, fixture.play_rad, is_held};
 }
 
-struct Descent {
-  const CadModel& cad;
-  const Scene& scene;
-  Pose<frame::Base, frame::Part> nominal;
-  Vec3 play_mm;
-  std::array<std::optional<double>, 3> play_rad;
-
-  /// One damped step of point to plane; returns the mean score at the pose it was given.
-  double step(Pose<frame::Base, frame::Part>& T, std::size_t count, double reach_mm) const {
-    const Pose<frame::Part, frame::Base> inverse = T.inverse();
-    const Mat3 R = inverse.rotation();
-    Mat6 H = Mat6::Zero();
-    Vec6 g = Vec6::Zero();
-    double score = 0;
-    const double lever = 0.3 * cad.size_mm;
-    for (std::size_t i = 0; i < count; ++i) {
-      const ScenePoint& s = scene.points[i];
-      const Vec3 p = R * s.p_base + inverse.p_mm;
-      const auto hit = cad.grid.closest_rough(p);
-      if (!hit) continue;
-      const double d = std::abs(hit->distance_mm);
-      if (d >= reach_mm && d >= kScoreReachMm) continue;
-      if (s.n_base.squaredNorm() > 0.5 && hit->n.dot(R * s.n_base) < 0.4) continue;
-      if (d < kScoreReachMm) score += 1 - d * d / (kScoreReachMm * kScoreReachMm);
-      if (d >= reach_mm) continue;
-      const double u = 1 - d * d / (reach_mm * reach_mm), w = u * u;
-      const double r = (p - hit->p_mm).dot(hit->n);
-      Vec6 row;  // moving the part by (t, w) about its center, lengths by the lever
-      row << hit->n, (p - cad.center_part).cross(hit->n) / lever;
-      H.noalias() += w * row * row.transpose();
-      g.noalias() += w * r * row;
-    }
-    const double n = static_cast<double>(count);
-    H.diagonal().array() += 1e-3 * n;
-    {  // the fixture pulls back, softly inside its play
-      const Vec3 off = R * (T.point(cad.center_part) - (nominal * Pose<frame::Part, frame::Part>(nominal.q.conjugate() * T.q, Vec3::Zero())).point(cad.center_part));
-      const Vec3 play = play_mm.cwiseMax(2.0);
-      for (int a = 0; a < 3; ++a) H(a, a) += 0.05 * n / (play[a] * play[a]), g[a] -= 0.05 * n * off[a] / (play[a] * play[a]);
-      const double held_rad = std::max({play_rad[0].value_or(kPi), play_rad[1].value_or(kPi), play_rad[2].value_or(kPi)});
-      if (held_rad < rad_from_deg(45)) {  // small turns only: with a free axis the three do not come apart
-        const Vec3 turned = quat_log(nominal.q.conjugate() * T.q) * lever;
-        for (int a = 0; a < 3; ++a) {
-          const double turn = std::max(*play_rad[static_cast<std::size_t>(a)], rad_from_deg(1)) * lever;
-          H(3 + a, 3 + a) += 0.05 * n / (turn * turn), g[3 + a] -= 0.05 * n * turned[a] / (turn * turn);
-        }
-      }
-    }
-    const Vec6 x = H.ldlt().solve(g);
-    const Eigen::Quaterniond turn = quat_exp(x.tail<3>() / lever);
-    const Vec3 shift = cad.center_part + x.head<3>() - turn * cad.center_part;
-    T = T * Pose<frame::Part, frame::Part>(turn, shift);
-    return score / std::max(1.0, n);
-  }
-
-  double score(const Pose<frame::Base, frame::Part>& T, std::size_t count) const {
-    Pose<frame::Base, frame::Part> copy = T;
-    return step(copy, count, 1.0);
-  }
-
-  Candidate descend_from(Pose<frame::Base, frame::Part> T, std::size_t count, const std::vector<double>& reaches, int steps) const {
-    for (const double reach : reaches)
-      for (int i = 0; i < steps; ++i) step(T, count, reach);
-    Candidate c;
-    c.T_base_part = T;
-    c.score = score(T, count);
-    return c;
-  }
-};
-
-void keep_best(std::vector<Candidate>& all, const Vec3& center_part, std::size_t most) {
-  std::stable_sort(all.begin(), all.end(), [](const Candidate& a, const Candidate& b) { return a.score > b.score; });
-  std::vector<Candidate> kept;
-  for (const Candidate& c : all) {
-    bool is_new = true;
-    for (const Candidate& k : kept) {
-      if (k.T_base_part.q.angularDistance(c.T_base_part.q) < rad_from_deg(4.0) &&
-          (k.T_base_part.point(center_part) - c.T_base_part.point(center_part)).norm() < 4.0) {
-        is_new = false;
-        break;
-      }
-    }
-    if (is_new) kept.push_back(c);
-    if (kept.size() == most) break;
-  }
-  all = std::move(kept);
+template <class F>
+void for_all(std::vector<Candidate>& all, const F& f) {
+  tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) { f(all[i]); });
 }
 
 }  // namespace
 
-std::vector<Pose<frame::Base, frame::Part>> starts(const FixtureSpec& fixture) {
-  const Pose<frame::Base, frame::Part> nominal = fixture.T_base_fixture * fixture.T_fixture_part;
+bool is_free(const FixtureSpec& fixture) {
   int free_count = 0;
   for (const auto& p : fixture.play_rad) free_count += !p || *p > rad_from_deg(175);
+  return free_count >= 2;
+}
+
+FixtureSpec opened(FixtureSpec fixture, double room_mm) {
+  fixture.play_mm = Vec3::Constant(room_mm);
+  fixture.play_rad = {};
+  return fixture;
+}
+
+std::vector<Pose<frame::Base, frame::Part>> starts(const FixtureSpec& fixture) {
+  const Pose<frame::Base, frame::Part> nominal = fixture.T_base_fixture * fixture.T_fixture_part;
   std::vector<Pose<frame::Base, frame::Part>> out;
-  if (free_count >= 2) {
-    for (const auto& q : super_fibonacci(4000)) out.push_back(nominal * Pose<frame::Part, frame::Part>(q, Vec3::Zero()));
-    return out;
-  }
   std::array<std::vector<double>, 3> angles;
   for (std::size_t a = 0; a < 3; ++a) {
     if (!fixture.play_rad[a] || *fixture.play_rad[a] > rad_from_deg(175)) {
@@ -139,33 +60,97 @@ std::vector<Pose<frame::Base, frame::Part>> starts(const FixtureSpec& fixture) {
   return out;
 }
 
-std::vector<Candidate> descend(const CadModel& cad, const Scene& scene, const FixtureSpec& fixture) {
-  const Pose<frame::Base, frame::Part> nominal = fixture.T_base_fixture * fixture.T_fixture_part;
-  Descent descent{cad, scene, nominal, fixture.play_mm, fixture.play_rad};
-  int free_count = 0;
-  for (const auto& p : fixture.play_rad) free_count += !p || *p > rad_from_deg(175);
-  const std::vector<Pose<frame::Base, frame::Part>> from = starts(fixture);
-  std::vector<Candidate> all(from.size());
-  const std::size_t few = std::min<std::size_t>(scene.points.size(), from.size() > 60 ? 200 : 2000), some = std::min<std::size_t>(scene.points.size(), 1000);
-  const std::size_t many = std::min<std::size_t>(scene.points.size(), 4000);
-  tbb::parallel_for(std::size_t{0}, from.size(), [&](std::size_t i) { all[i] = descent.descend_from(from[i], few, {30, 20}, 4); });
-  if (free_count < 2) {  // and gently: on a low part a long reach can pull a start that was nearly right off sideways
-    std::vector<Candidate> gentle(from.size());
-    tbb::parallel_for(std::size_t{0}, from.size(), [&](std::size_t i) { gentle[i] = descent.descend_from(from[i], few, {10, 6}, 4); });
-    all.insert(all.end(), gentle.begin(), gentle.end());
+namespace {
+
+/// For each of many rotations the shifts that the readings vote for, within the fixture's room.
+std::vector<Pose<frame::Base, frame::Part>> voted_starts(const CadModel& cad, const Scene& scene, const FixtureSpec& fixture) {
+  must(cad.free_search != nullptr, "search: prepare_free_search first");
+  const Ballot& ballot = cad.free_search->ballot;
+  std::vector<Vec3> p, n;
+  for (const ScenePoint& s : scene.points) {  // in an order that spreads over directions
+    if (s.n_base.squaredNorm() < 0.5) continue;
+    p.push_back(s.p_base), n.push_back(s.n_base);
+    if (p.size() == kVoters) break;
   }
-  keep_best(all, cad.center_part, free_count >= 2 ? 300 : 120);
-  tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) { all[i] = descent.descend_from(all[i].T_base_part, some, {20, 14, 10, 7, 5}, 3); });
-  keep_best(all, cad.center_part, 60);
-  tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) { all[i] = descent.descend_from(all[i].T_base_part, many, {5, 3}, 3); });
-  keep_best(all, cad.center_part, 60);
+  const Pose<frame::Base, frame::Part> nominal = fixture.T_base_fixture * fixture.T_fixture_part;
+  const Vec3 center = nominal.point(cad.center_part);
+  const Vec3 room = fixture.play_mm + Vec3::Constant(ballot.cell_mm() + 0.25 * cad.size_mm);
+  const auto rotations = even_rotations(kFreeRotations);
+  std::vector<std::vector<Pose<frame::Base, frame::Part>>> by_rotation(rotations.size());
+  tbb::parallel_for(std::size_t{0}, rotations.size(), [&](std::size_t i) {
+    const Eigen::Quaterniond q = nominal.q * rotations[i];
+    for (const Vec3& t : ballot.shifts(p, n, q.toRotationMatrix(), kShifts)) {
+      const Pose<frame::Base, frame::Part> T(q, t);
+      const Vec3 off = fixture.T_base_fixture.rotation().transpose() * (T.point(cad.center_part) - center);
+      if ((off.cwiseAbs().array() < room.array()).all()) by_rotation[i].push_back(T);
+    }
+  });
+  std::vector<Pose<frame::Base, frame::Part>> out;
+  for (const auto& some : by_rotation) out.insert(out.end(), some.begin(), some.end());
+  return out;
+}
+
+/// Adds what the part's pseudo-symmetries make of the first `count` candidates.
+void add_images(const CadModel& cad, std::size_t count, std::vector<Candidate>& all) {
+  const std::size_t best = std::min(count, all.size());
+  for (std::size_t i = 0; i < best; ++i)
+    for (const SelfMotion& m : cad.free_search->motions) {
+      Candidate c;
+      c.T_base_part = all[i].T_base_part * m.motion;
+      all.push_back(c);
+    }
+}
+
+std::vector<Candidate> descend_anywhere(const CadModel& cad, const Scene& scene, const FixtureSpec& fixture) {
+  const Descent descent = descent_of(cad, scene, fixture);
+  const std::size_t points = scene.points.size(), few = std::min<std::size_t>(points, 200), some = std::min<std::size_t>(points, 1000);
+  const double s = std::min(1.0, cad.size_mm / 150);
+  const auto from = voted_starts(cad, scene, fixture);
+  std::vector<Candidate> all(from.size());
+  for (std::size_t i = 0; i < from.size(); ++i) all[i].T_base_part = from[i];
+  for_all(all, [&](Candidate& c) { c.score = descent.score(c.T_base_part, few); });
+  std::stable_sort(all.begin(), all.end(), [](const Candidate& a, const Candidate& b) { return a.score > b.score; });
+  if (all.size() > kDescents) all.resize(kDescents);
+  for_all(all, [&](Candidate& c) { c = descent.descend_from(c.T_base_part, few, {30 * s, 20 * s, 14 * s, 10 * s}, 5); });
+  keep_best(all, cad.center_part, 120);
+  for_all(all, [&](Candidate& c) { c = descent.descend_from(c.T_base_part, some, {10 * s, 7 * s, 5 * s}, 4); });
+  keep_best(all, cad.center_part, kLookedAt);
+  add_images(cad, 6, all);
+  for_all(all, [&](Candidate& c) { c = descent.descend_from(c.T_base_part, some, {7 * s, 5 * s}, 4); });
+  keep_best(all, cad.center_part, kLookedAt);
+  for_all(all, [&](Candidate& c) { c = descent.descend_from(c.T_base_part, some, {5 * s, 3 * s}, 3); });
+  keep_best(all, cad.center_part, kLookedAt);
   return all;
+}
+
+std::vector<Candidate> descend_in_play(const CadModel& cad, const Scene& scene, const FixtureSpec& fixture) {
+  const Descent descent = descent_of(cad, scene, fixture);
+  const auto from = starts(fixture);
+  const std::size_t points = scene.points.size(), few = std::min<std::size_t>(points, from.size() > 60 ? 200 : 2000);
+  const std::size_t some = std::min<std::size_t>(points, 1000), many = std::min<std::size_t>(points, 4000);
+  std::vector<Candidate> all(2 * from.size());
+  tbb::parallel_for(std::size_t{0}, from.size(), [&](std::size_t i) {
+    all[i] = descent.descend_from(from[i], few, {30, 20}, 4);
+    // And gently: on a low part a long reach can pull a start that was nearly right off sideways.
+    all[from.size() + i] = descent.descend_from(from[i], few, {10, 6}, 4);
+  });
+  keep_best(all, cad.center_part, 120);
+  for_all(all, [&](Candidate& c) { c = descent.descend_from(c.T_base_part, some, {20, 14, 10, 7, 5}, 3); });
+  keep_best(all, cad.center_part, kLookedAt);
+  for_all(all, [&](Candidate& c) { c = descent.descend_from(c.T_base_part, many, {5, 3}, 3); });
+  keep_best(all, cad.center_part, kLookedAt);
+  return all;
+}
+
+}  // namespace
+
+std::vector<Candidate> descend(const CadModel& cad, const Scene& scene, const FixtureSpec& fixture) {
+  return is_free(fixture) ? descend_anywhere(cad, scene, fixture) : descend_in_play(cad, scene, fixture);
 }
 
 void settle_turn(const CadModel& cad, const Scene& scene, const FixtureSpec& fixture, const std::vector<Vec3>& sensor_base, std::size_t rays_max,
                  Candidate& candidate) {
-  const Pose<frame::Base, frame::Part> nominal = fixture.T_base_fixture * fixture.T_fixture_part;
-  const Descent descent{cad, scene, nominal, fixture.play_mm, fixture.play_rad};
+  const Descent descent = descent_of(cad, scene, fixture);
   const std::size_t some = std::min<std::size_t>(scene.points.size(), 1000);
   for (int axis = 0; axis < 3; ++axis) {
     if (fixture.play_rad[static_cast<std::size_t>(axis)].value_or(kPi) < rad_from_deg(4.0)) continue;
@@ -187,131 +172,36 @@ void settle_turn(const CadModel& cad, const Scene& scene, const FixtureSpec& fix
   }
 }
 
-namespace {
-
-constexpr double kInside = 0.9, kFront = 0.09, kBehind = 0.01, kRangeMm = 150.0;  // shares of a reading, and its width
-
-enum class RayEnd { outside, known, on, front, behind };
-
-/// What one ray says about the part at a pose.
-struct RayReading {
-  RayEnd end = RayEnd::outside;
-  double log_likelihood = 0;  // zero where the fixture explains the ray whatever the pose
-  double distance_mm = 0;     // of the reading from the part
-  Vec3 place_part = Vec3::Zero();  // where it speaks about: the reading, or the surface it went through
-  Vec3 way_part = Vec3::Zero();    // unit, of the ray
-};
-
-class RayLooker {
- public:
-  RayLooker(const CadModel& cad, const Scene& scene, const std::vector<Vec3>& sensor_base, const Pose<frame::Base, frame::Part>& T_base_part)
-      : cad_(cad), scene_(scene), sensor_base_(sensor_base), inverse_(T_base_part.inverse()), R_(inverse_.rotation()), box_(cad.brep->mesh.box()) {}
-
-  RayReading look(std::size_t i) const {
-    const ScenePoint& s = scene_.rays[i];
-    const Vec3 p = R_ * s.p_base + inverse_.p_mm, o = R_ * sensor_base_[static_cast<std::size_t>(s.capture)] + inverse_.p_mm;
-    const double sigma = std::max(3 * s.sigma_mm, 1.0), range = (p - o).norm();
-    const Vec3 d = (p - o) / range;
-    RayReading out;
-    out.distance_mm = cad_.grid.distance(p);
-    out.place_part = p, out.way_part = d;
-    const auto hit = comes_near(o, d) ? cad_.query.first_hit(o, d) : std::nullopt;
-    const double hidden = hit ? range - hit->distance_mm : 0.0;
-    if (out.distance_mm < 4 * sigma && (!s.is_known || hidden > -4 * sigma)) {  // on the surface, unless hidden behind another one
-      if (hidden > 4 * sigma + 6.0) return behind(out, o + hit->distance_mm * d);
-      const double u = out.distance_mm / sigma;
-      out.end = RayEnd::on;
-      out.log_likelihood = std::log(kInside * std::exp(-0.5 * u * u) / (sigma * 2.5066282746310002) + kFront / kRangeMm);
-      return out;
-    }
-    if (hit && hidden > 4 * sigma) return behind(out, o + hit->distance_mm * d);  // looked through where the part should be
-    if (s.is_known) {
-      out.end = RayEnd::known;
-      return out;
-    }
-    out.end = hit ? RayEnd::front : RayEnd::outside;
-    out.log_likelihood = std::log(kFront / kRangeMm);
-    return out;
+std::vector<Candidate> find_candidates(const CadModel& cad, const Scene& scene, const FixtureSpec& fixture, const std::vector<Vec3>& sensor_base) {
+  std::vector<Candidate> all = descend(cad, scene, fixture);
+  const auto by_likelihood = [](const Candidate& a, const Candidate& b) { return a.log_likelihood > b.log_likelihood; };
+  for_all(all, [&](Candidate& c) { look_along_rays(cad, scene, sensor_base, kRaysRough, c); });
+  std::stable_sort(all.begin(), all.end(), by_likelihood);
+  if (all.size() > kFineHypotheses) all.resize(kFineHypotheses);
+  if (is_free(fixture)) {
+    const Descent descent = descent_of(cad, scene, fixture);
+    const double s = std::min(1.0, cad.size_mm / 150);
+    const std::size_t before = all.size(), many = std::min<std::size_t>(scene.points.size(), 4000);
+    add_images(cad, 2, all);
+    tbb::parallel_for(std::size_t{0}, all.size(), [&](std::size_t i) {
+      if (i >= before) all[i] = descent.descend_from(all[i].T_base_part, many / 4, {5 * s, 3 * s}, 3);
+      all[i] = descent.descend_from(all[i].T_base_part, many, {3 * s}, 3);
+    });
+    keep_best(all, cad.center_part, 2 * kFineHypotheses);
+  } else {
+    for_all(all, [&](Candidate& c) { settle_turn(cad, scene, fixture, sensor_base, kRaysRough, c); });
   }
-
- private:
-  static RayReading behind(RayReading out, const Vec3& place) {
-    out.end = RayEnd::behind, out.log_likelihood = std::log(kBehind / kRangeMm), out.place_part = place;
-    return out;
-  }
-
-  bool comes_near(const Vec3& o, const Vec3& d) const {
-    double enter = 0, leave = 1e9;
-    for (int a = 0; a < 3; ++a) {
-      if (std::abs(d[a]) < 1e-12) {
-        if (o[a] < box_.min_mm[a] || o[a] > box_.max_mm[a]) return false;
-        continue;
-      }
-      const double t0 = (box_.min_mm[a] - o[a]) / d[a], t1 = (box_.max_mm[a] - o[a]) / d[a];
-      enter = std::max(enter, std::min(t0, t1)), leave = std::min(leave, std::max(t0, t1));
-    }
-    return enter <= leave;
-  }
-
-  const CadModel& cad_;
-  const Scene& scene_;
-  const std::vector<Vec3>& sensor_base_;
-  Pose<frame::Part, frame::Base> inverse_;
-  Mat3 R_;
-  Box3 box_;
-};
-
-}  // namespace
-
-void look_along_rays(const CadModel& cad, const Scene& scene, const std::vector<Vec3>& sensor_base, std::size_t rays_max, Candidate& candidate) {
-  constexpr double kCorrelation = 6.0;  // neighbours that tell the same
-  const RayLooker looker(cad, scene, sensor_base, candidate.T_base_part);
-  const std::size_t stride = std::max<std::size_t>(1, scene.rays.size() / std::max<std::size_t>(1, rays_max));
-  double sum = 0;
-  std::size_t on = 0, front = 0, behind = 0;
-  for (std::size_t i = 0; i < scene.rays.size(); i += stride) {
-    const RayReading r = looker.look(i);
-    sum += r.log_likelihood;
-    on += r.end == RayEnd::on, front += r.end == RayEnd::front, behind += r.end == RayEnd::behind;
-  }
-  candidate.log_likelihood = sum / kCorrelation;
-  candidate.rays_count = on + front + behind;
-  candidate.inlier_ratio = candidate.rays_count > 0 ? static_cast<double>(on) / static_cast<double>(candidate.rays_count) : 0.0;
-  candidate.see_through_ratio = candidate.rays_count > 0 ? static_cast<double>(behind) / static_cast<double>(candidate.rays_count) : 0.0;
-}
-
-double preference(const CadModel& cad, const Scene& scene, const std::vector<Vec3>& sensor_base, const Candidate& a, const Candidate& b) {
-  constexpr double kPlaceMm = 8.0, kOtherDistanceMm = 1.5, kMost = 6.0, kDepthMm = 0.5;
-  const RayLooker look_a(cad, scene, sensor_base, a.T_base_part), look_b(cad, scene, sensor_base, b.T_base_part);
-  // A ray that only scrapes the part would pass it if the part were a little smaller: that says nothing about the place.
-  const auto is_grazing = [&](const RayReading& r) {
-    if (r.end != RayEnd::behind) return false;
-    const auto out = cad.query.first_hit(r.place_part + 0.05 * r.way_part, r.way_part);
-    return !out || cad.query.closest(r.place_part + 0.5 * out->distance_mm * r.way_part).distance_mm < kDepthMm;
-  };
-  const std::size_t count = scene.rays.size();
-  std::vector<std::pair<std::uint64_t, double>> votes(count);
-  tbb::parallel_for(std::size_t{0}, count, [&](std::size_t i) {
-    const RayReading ra = look_a.look(i), rb = look_b.look(i);
-    const bool is_material = (ra.end != rb.end || std::abs(ra.distance_mm - rb.distance_mm) > kOtherDistanceMm) && !is_grazing(ra) && !is_grazing(rb);
-    const double vote = is_material ? ra.log_likelihood - rb.log_likelihood : 0.0;
-    const RayReading& where = rb.end == RayEnd::behind ? rb : ra;
-    votes[i] = {voxel_key((&where == &ra ? a : b).T_base_part.point(where.place_part), kPlaceMm), vote};
-  });
-  std::erase_if(votes, [](const auto& v) { return v.second == 0; });
-  std::sort(votes.begin(), votes.end());
-  double sum = 0;
-  std::array<double, 2> square{};  // of places for b, for a
-  for (std::size_t i = 0; i < votes.size();) {
-    std::size_t j = i;
-    double mean = 0;
-    for (; j < votes.size() && votes[j].first == votes[i].first; ++j) mean += votes[j].second;
-    mean = std::clamp(mean / static_cast<double>(j - i), -kMost, kMost);
-    sum += mean, square[mean > 0] += mean * mean;
-    i = j;
-  }
-  const double noise = 2 * square[sum < 0] + kMost * kMost;  // as seen where the loser is preferred, never less than one place
-  return std::copysign(std::min(0.5 * std::abs(sum), 0.5 * sum * sum / noise), sum);
+  for_all(all, [&](Candidate& c) { look_along_rays(cad, scene, sensor_base, kRaysFine, c); });
+  std::stable_sort(all.begin(), all.end(), by_likelihood);
+  // What is close to the best by a sample of the rays is compared with it by all of them.
+  const auto is_close = [&](const Candidate& c) { return all.front().log_likelihood - c.log_likelihood < kCloseMargin; };
+  for (std::size_t i = 1; i < all.size() && is_close(all[i]); ++i)
+    if (preference(cad, scene, sensor_base, all.front(), all[i]) < 0) std::swap(all.front(), all[i]);
+  for (std::size_t i = 1; i < all.size(); ++i)
+    if (std::abs(all.front().log_likelihood - all[i].log_likelihood) < kCloseMargin)
+      all[i].log_likelihood = all.front().log_likelihood - preference(cad, scene, sensor_base, all.front(), all[i]);
+  std::stable_sort(all.begin() + (all.empty() ? 0 : 1), all.end(), by_likelihood);
+  return all;
 }
 
 }  // namespace asbuilt

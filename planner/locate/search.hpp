@@ -1,30 +1,31 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Where the part may sit, without any guess beyond the fixture's nominal pose and play: many starts, a slow descent on the
-// drawing's distance grid, and a look along every ray to decide between what is left.
+// drawing's distance grid, and a look along every ray to decide between what is left. Where the fixture leaves the turn open the
+// starts are votes of the readings, for every rotation.
 #pragma once
 
-#include <string>
 #include <vector>
 
 #include "planner/locate/cad_model.hpp"
+#include "planner/locate/rays.hpp"
 #include "planner/locate/scene.hpp"
+#include "planner/locate/vote.hpp"
 
 namespace asbuilt {
 
-struct Candidate {
-  Pose<frame::Base, frame::Part> T_base_part;
-  double score = 0;            // of the descent, 0..1
-  double log_likelihood = 0;   // by rays, discounted for neighbours' correlation
-  double inlier_ratio = 0;     // rays that end on the part, of those that should
-  double see_through_ratio = 0;
-  std::size_t rays_count = 0;  // that should end on the part
-};
+/// Two or three free angles: nothing is known of the turn.
+bool is_free(const FixtureSpec& fixture);
 
-/// Every start that the fixture leaves open: bounded angles in steps of 8 deg, a free angle in steps of 1 deg, two or three
-/// free angles as 4000 rotations spread evenly (Alexa, Super-Fibonacci Spirals, CVPR 2022).
+/// The same fixture with the part anywhere in it: every turn, shifts by up to room_mm.
+FixtureSpec opened(FixtureSpec fixture, double room_mm);
+
+/// Every start that the fixture leaves open: bounded angles in steps of 8 deg, a free angle in steps of 1 deg. For fixtures
+/// that are not is_free.
 std::vector<Pose<frame::Base, frame::Part>> starts(const FixtureSpec& fixture);
 
-/// Frames: base. Best first by score; duplicates (4 deg and 4 mm at the part's center) are merged, the better kept.
+/// Frames: base. Best first by score; duplicates (4 deg and 4 mm at the part's center) are merged, the better kept. Where the
+/// fixture is_free: rotations spread evenly, shifts for each by votes of the readings (see Ballot), the best candidates descend
+/// slowly; every pseudo-symmetry of the winners is tried too. Needs prepare_free_search then.
 std::vector<Candidate> descend(const CadModel& cad, const Scene& scene, const FixtureSpec& fixture);
 
 /// Where the distance grid does not hold a free angle (only outlines would), turns the candidate by up to 4 deg to its best
@@ -32,14 +33,8 @@ std::vector<Candidate> descend(const CadModel& cad, const Scene& scene, const Fi
 void settle_turn(const CadModel& cad, const Scene& scene, const FixtureSpec& fixture, const std::vector<Vec3>& sensor_base, std::size_t rays_max,
                  Candidate& candidate);
 
-/// Fills likelihood and ratios. Method: first hit of the hypothesised part along each measured ray; extra material is cheap,
-/// a ray that passes through where the part should be is dear; what lies on the known fixture says nothing.
-void look_along_rays(const CadModel& cad, const Scene& scene, const std::vector<Vec3>& sensor_base, std::size_t rays_max, Candidate& candidate);
-
-/// By how much the scans prefer pose a to pose b, as a log-likelihood ratio, negative where they prefer b. Method: every ray that ends
-/// differently under the two votes by its own ratio; votes are averaged over places of 8 mm (neighbours and captures that look at
-/// the same place tell the same), rays that only scrape the part are left out. Of the sum over places half counts (places next to each other), and no more than half its
-/// squared ratio to the scatter, which is read off the places that vote for the loser and is at least one strong place.
-double preference(const CadModel& cad, const Scene& scene, const std::vector<Vec3>& sensor_base, const Candidate& a, const Candidate& b);
+/// The whole search: descend, then likelihoods along rays, best first; what comes close to the best is compared with it by all rays
+/// (see preference). Where the fixture is_free the pseudo-symmetric alternatives of the two best are looked at once more.
+std::vector<Candidate> find_candidates(const CadModel& cad, const Scene& scene, const FixtureSpec& fixture, const std::vector<Vec3>& sensor_base);
 
 }  // namespace asbuilt

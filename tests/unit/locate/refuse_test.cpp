@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "planner/fuse/fuse.hpp"
+#include "planner/locate/gates.hpp"
 #include "planner/locate/locate.hpp"
 #include "tests/unit/locate/synthetic.hpp"
 
@@ -125,6 +126,43 @@ TEST(LocateRefuses, a_part_outside_the_play) {
   scan(job, usual_views({{"front", Vec3(78, -20, 34)}}), o);
   std::string message;
   EXPECT_EQ(code_of(job, &message), "locate.outside_play") << message;
+}
+
+TEST(LocateRefuses, a_part_turned_beyond_the_play) {
+  PartSpec part = make_bracket();
+  add_feature(part, "front", {"top-0"});
+  Job job = make_job(std::move(part), false);  // 4 deg about z
+  ScanOptions o;
+  o.play = {quat_from_zyx(rad_from_deg(5.5), 0, 0), Vec3::Zero()};
+  scan(job, usual_views({{"front", Vec3(78, -20, 34)}}), o);
+  std::string message;
+  EXPECT_EQ(code_of(job, &message), "locate.outside_play") << message;
+  EXPECT_NE(message.find("deg about its z axis"), std::string::npos) << message;
+}
+
+TEST(LocateRefuses, a_part_put_in_the_wrong_way_round) {
+  PartSpec part = make_bracket();
+  add_feature(part, "front", {"top-0"});
+  Job job = make_job(std::move(part), false);
+  ScanOptions o;
+  o.play = {quat_from_zyx(rad_from_deg(135), 0, 0), Vec3::Zero()};
+  scan(job, usual_views({{"front", Vec3(78, -20, 34)}}), o);
+  std::string message;
+  EXPECT_EQ(code_of(job, &message), "locate.no_match") << message;
+  EXPECT_NE(message.find("The part is turned 13"), std::string::npos) << message;
+  EXPECT_NE(message.find("deg about its z axis"), std::string::npos) << message;
+}
+
+TEST(LocateRefuses, an_adjustment_that_still_moves) {
+  const Job job;
+  Adjusted adjusted;
+  adjusted.state.cluster_count = 1000, adjusted.state.step_mm = 0.05, adjusted.is_converged = false;
+  const auto refusal = check_converged(job, adjusted);
+  ASSERT_TRUE(refusal);
+  EXPECT_EQ(refusal->code, "locate.not_converged");
+  EXPECT_NE(refusal->message.find("0.050"), std::string::npos) << refusal->message;
+  adjusted.is_converged = true;
+  EXPECT_FALSE(check_converged(job, adjusted));
 }
 
 TEST(LocateRefuses, a_scan_too_thin_to_adjust) {
