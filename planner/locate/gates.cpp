@@ -8,14 +8,16 @@
 #include <map>
 
 #include "planner/base/number.hpp"
+#include "planner/locate/consistency.hpp"
 
 namespace asbuilt {
 namespace {
 
 constexpr double kOtherAngleRad = rad_from_deg(8.0), kOtherShiftMm = 8.0;  // hypotheses nearer than this are one
 constexpr double kSeeThroughMax = 0.10;
-constexpr double kContradictionMax = 4.5;       // of two captures, in 1 sd of what robot and calibration allow
-constexpr double kSuspicionMin = 2.8, kStrainMax = 2.2;  // less, where the calibrations are strained too
+// What a sound cell shows less often than this is taken for a fault: any of its pairs of captures (Bonferroni), a hand-eye. The hand-eyes' priors are rather too wide
+// and their probabilities lie near 1, so their limit is that of one test.
+constexpr double kPairsProbabilityMin = 0.02, kHandEyeProbabilityMin = 0.01;
 constexpr double kInformationMin = 10.0;        // of the data against the play, else the play decides
 constexpr std::size_t kRaysMin = 50, kCellsMin = 60;
 
@@ -171,54 +173,6 @@ void describe_observability(const CadModel& cad, const AdjustRequest& request, c
   }
 }
 
-double calibration_strain(const RobotPrior& prior, const AdjustState& state) {
-  const auto block = [&](int at) {
-    const Mat6 covariance = prior.covariance.block<6, 6>(at, at);
-    const Vec6 x = state.robot.segment<6>(at);
-    return std::sqrt(x.dot(covariance.ldlt().solve(x)) / 6);
-  };
-  double most = block(prior.flange_at);
-  for (const int at : prior.sensor_at)
-    if (at >= 0) most = std::max(most, block(at));
-  return most;
-}
-
-Contradiction worst_pair(const RobotPrior& prior, const AdjustRequest& request, const Adjusted& adjusted) {
-  const Eigen::MatrixXd root = prior.covariance.llt().matrixL();
-  std::vector<Eigen::MatrixXd> rooted;
-  for (const auto& m : prior.capture) rooted.push_back(m * root);
-  struct Sum {
-    double z2 = 0, apart = 0, allowed = 0;
-    std::size_t count = 0;
-  };
-  std::map<std::pair<int, int>, std::pair<Mat6, Sum>> pairs;
-  const auto& clusters = adjusted.clusters;
-  for (std::size_t i = 0; i < clusters.size(); ++i) {
-    for (std::size_t j = i + 1; j < clusters.size() && clusters[j].face == clusters[i].face && clusters[j].cell == clusters[i].cell; ++j) {
-      if (adjusted.weight[i] < 0.05 && adjusted.weight[j] < 0.05) continue;
-      const std::pair<int, int> key{clusters[i].capture, clusters[j].capture};
-      auto found = pairs.find(key);
-      if (found == pairs.end()) {
-        const Eigen::MatrixXd d = rooted[static_cast<std::size_t>(key.first)] - rooted[static_cast<std::size_t>(key.second)];
-        found = pairs.emplace(key, std::make_pair(Mat6(d * d.transpose()), Sum{})).first;
-      }
-      const Vec6 w = 0.5 * (clusters[i].wrench + clusters[j].wrench);
-      const double allowed = w.dot(found->second.first * w) + clusters[i].variance_mm2 + clusters[j].variance_mm2;
-      const double apart = clusters[i].distance_mm - clusters[j].distance_mm;
-      Sum& s = found->second.second;
-      s.z2 += apart * apart / allowed, s.apart += apart * apart, s.allowed += allowed, ++s.count;
-    }
-  }
-  Contradiction worst;
-  for (const auto& [key, value] : pairs) {
-    const Sum& s = value.second;
-    if (s.count < 10) continue;
-    const double n = static_cast<double>(s.count), ratio = std::sqrt(s.z2 / n);
-    if (ratio > worst.ratio) worst = {key.first, key.second, std::sqrt(s.apart / n), std::sqrt(s.allowed / n), ratio, s.count};
-  }
-  return worst;
-}
-
 std::optional<Refusal> check_converged(const Job& job, const Adjusted& adjusted) {
   if (adjusted.state.cluster_count < kCellsMin)
     return Refusal{.code = "locate.not_converged",
@@ -241,24 +195,59 @@ std::optional<Refusal> check_converged(const Job& job, const Adjusted& adjusted)
   return std::nullopt;
 }
 
+namespace {
+
+/// Captures against each other and hand-eyes against their calibration.
+std::optional<Refusal> check_consistency(const Job& job, const MeasuredCloud& cloud, const RobotPrior& prior, const AdjustRequest& request,
+                                         const Adjusted& adjusted) {
+  const std::vector<PairTest> pairs = pair_tests(prior, request, adjusted);
+  const auto name = [&](int k) { return k < 0 ? std::string("none") : cloud.captures[static_cast<std::size_t>(k)].name; };
+  const auto sensor_of = [&](int k) { return cloud.captures[static_cast<std::size_t>(k)].sensor; };
+  const auto once_in = [](double p) { return p < 1e-9 ? std::string("more than 1e9") : number(1 / p, 0); };
+  const std::string next = " Check the sensor's mount and the poses in the scan file, calibrate again, then scan again.";
+  std::optional<HandEyeTest> off;
+  for (const HandEyeTest& t : hand_eye_tests(prior, request, adjusted))
+    if (t.p < kHandEyeProbabilityMin && (!off || t.p < off->p)) off = t;
+  const PairTest* worst = nullptr;
+  for (const PairTest& t : pairs)
+    if (!off || sensor_of(t.capture_1) == off->sensor || sensor_of(t.capture_2) == off->sensor)
+      if (!worst || t.p < worst->p) worst = &t;
+  const std::string between = worst ? ", captures " + name(worst->capture_1) + " and " + name(worst->capture_2) : "";
+  const std::string apart = worst ? "Captures " + name(worst->capture_1) + " and " + name(worst->capture_2) + " see the same faces " + number(worst->apart_mm, 2) +
+                                        " mm apart where robot and calibration allow " + number(worst->allowed_mm, 2) + " mm (1 sd). "
+                                  : "";
+  if (off) {
+    int axis;
+    off->shift_mm.cwiseQuotient(off->shift_sd_mm.cwiseMax(1e-6)).cwiseAbs().maxCoeff(&axis);
+    return Refusal{.code = "locate.captures_contradict",
+                   .where = "item " + job.item_id + between,
+                   .message = apart + "The calibration of sensor " + job.cell.sensors[static_cast<std::size_t>(off->sensor)].id +
+                              " does not fit the scans: by them alone its mount would be off by " + number(off->shift_mm[axis], 2) + " mm along " +
+                              std::string(1, "xyz"[axis]) + " of its frame (1 sd " + number(off->shift_sd_mm[axis], 2) +
+                              " mm). A sound cell looks like this once in " + once_in(off->p) + " jobs." + next,
+                   .measured = off->p,
+                   .limit = kHandEyeProbabilityMin,
+                   .unit = "probability",
+                   .stage = "locate"};
+  }
+  const double pair_limit = kPairsProbabilityMin / static_cast<double>(std::max<std::size_t>(1, pairs.size()));
+  if (worst && worst->p < pair_limit)
+    return Refusal{.code = "locate.captures_contradict",
+                   .where = "item " + job.item_id + between,
+                   .message = apart + "A sound cell looks like this once in " + once_in(worst->p) + " pairs." + next,
+                   .measured = worst->p,
+                   .limit = pair_limit,
+                   .unit = "probability",
+                   .stage = "locate"};
+  return std::nullopt;
+}
+
+}  // namespace
+
 std::optional<Refusal> check_adjusted(const LocateRecipe& recipe, const Job& job, const CadModel& cad, const MeasuredCloud& cloud,
                                       const RobotPrior& prior, const AdjustRequest& request, const Adjusted& adjusted, const Location& location) {
   const std::string item = "item " + job.item_id;
-  const Contradiction worst = worst_pair(prior, request, adjusted);
-  const double strain = calibration_strain(prior, adjusted.state);
-  if (worst.ratio > kContradictionMax || (worst.ratio > kSuspicionMin && strain > kStrainMax)) {
-    const std::string &a = cloud.captures[static_cast<std::size_t>(worst.capture_1)].name, &b = cloud.captures[static_cast<std::size_t>(worst.capture_2)].name;
-    return Refusal{.code = "locate.captures_contradict",
-                   .where = item + ", captures " + a + " and " + b,
-                   .message = "Captures " + a + " and " + b + " see the same faces " + number(worst.apart_mm, 2) + " mm apart, " +
-                              number(worst.ratio, 1) + " times what robot and calibration allow (" + number(worst.allowed_mm, 2) +
-                              " mm, 1 sd; to agree, the calibrations would have to be off by " + number(strain, 1) +
-                              " sd); check the sensor's mount, calibrate it again, then scan again.",
-                   .measured = worst.ratio,
-                   .limit = kContradictionMax,
-                   .unit = "sd",
-                   .stage = "locate"};
-  }
+  if (auto refusal = check_consistency(job, cloud, prior, request, adjusted)) return refusal;
   if (!location.singular_values.empty() && location.singular_values.back() < kInformationMin)
     return Refusal{.code = "locate.unobservable",
                    .where = item,

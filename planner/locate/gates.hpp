@@ -33,16 +33,4 @@ std::optional<Refusal> check_adjusted(const LocateRecipe& recipe, const Job& job
 /// locate.outside_play. A little more is let through than asked, because the fixture's own place is known to the robot's accuracy only.
 std::optional<Refusal> check_play(const Job& job, const Pose<frame::Base, frame::Part>& T_base_part);
 
-/// The two captures whose shared cells are farthest apart, measured in what calibration and robot allow (1 sd).
-struct Contradiction {
-  int capture_1 = -1, capture_2 = -1;
-  double apart_mm = 0, allowed_mm = 0, ratio = 0;
-  std::size_t cells_count = 0;
-};
-/// How far the adjustment had to move hand-eye and flange against their calibration: root mean square over six directions of
-/// the most moved one, in sd.
-double calibration_strain(const RobotPrior& prior, const AdjustState& state);
-
-Contradiction worst_pair(const RobotPrior& prior, const AdjustRequest& request, const Adjusted& adjusted);
-
 }  // namespace asbuilt

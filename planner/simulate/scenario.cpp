@@ -41,7 +41,7 @@ Result<Done<Scenario>> load_scenario(const std::filesystem::path& file) {
     return refuse_all(faults);
   }
   if (!root.IsMap()) {
-    fault(1, "", "found no mapping; allowed: asbuilt, part, seed, turn, tilt, trap, size, light, item, captures");
+    fault(1, "", "found no mapping; allowed: asbuilt, part, seed, turn, tilt, trap, size, light, width, tolerance, item, captures");
     return refuse_all(faults);
   }
   if (!root["asbuilt"] || root["asbuilt"].as<std::string>("") != "scenario/1") fault(1, "asbuilt", "found something else; allowed: scenario/1");
@@ -64,6 +64,10 @@ Result<Done<Scenario>> load_scenario(const std::filesystem::path& file) {
         s.trap_size = kv.second.as<double>();
       } else if (key == "light") {
         s.is_light = kv.second.as<bool>();
+      } else if (key == "width") {
+        s.width_mm = kv.second.as<double>();
+      } else if (key == "tolerance") {
+        s.tolerance_mm = kv.second.as<double>();
       } else if (key == "captures") {
         const std::string name = kv.second.as<std::string>();
         try {
@@ -75,7 +79,7 @@ Result<Done<Scenario>> load_scenario(const std::filesystem::path& file) {
       } else if (key == "item") {
         s.item_id = kv.second.as<std::string>();
       } else {
-        fault(line, key, "unknown key; allowed: asbuilt, part, seed, turn, tilt, trap, size, light, item, captures");
+        fault(line, key, "unknown key; allowed: asbuilt, part, seed, turn, tilt, trap, size, light, width, tolerance, item, captures");
       }
     } catch (const YAML::Exception&) {
       fault(line, key, "found a value of another type");

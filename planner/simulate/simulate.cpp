@@ -183,6 +183,23 @@ void add_wide_shots(std::vector<Shot>& shots, const Vec3& target, const SensorSp
   }
 }
 
+/// Of the arm over 24 poses above the table, tool down, turned at random and tilted up to 0.6 rad; in the flange's own frame.
+Pose<frame::Flange, frame::Flange> mean_error(const TrueRobot& arm, const Robot& robot, const Pose<frame::Flange, frame::Tool>& T_flange_tool, std::uint64_t seed) {
+  Random random = Random::stream(seed, "poses of the calibration");
+  Vec3 shift = Vec3::Zero(), turn = Vec3::Zero();
+  int count = 0;
+  while (count < 24) {
+    const Eigen::Quaterniond down = quat_from_z(-Vec3::UnitZ(), Vec3::UnitX());
+    const Eigen::Quaterniond q = quat_exp(Vec3(random.uniform(-0.6, 0.6), random.uniform(-0.6, 0.6), 0)) * quat_exp(random.uniform(-kPi, kPi) * Vec3::UnitZ()) * down;
+    const Pose<frame::Base, frame::Tool> T(q, Vec3(random.uniform(1090, 1210), random.uniform(-60, 60), random.uniform(600, 720)));
+    const auto joints = posture(robot, T * T_flange_tool.inverse());
+    if (!joints) continue;
+    const auto error = arm.nominal(*joints).inverse() * arm.actual(*joints);
+    shift += error.p_mm / 24, turn += quat_log(error.q) / 24, ++count;
+  }
+  return {quat_exp(turn), shift};
+}
+
 }  // namespace
 
 Result<Done<std::filesystem::path>> simulate(const Scenario& sc, const std::filesystem::path& out) {
@@ -197,6 +214,8 @@ Result<Done<std::filesystem::path>> simulate(const Scenario& sc, const std::file
   // ---- the part, as drawn and as made
   PartModel part = make_part(sc.part, sc.seed, sc.trap == "other_part" ? (sc.part == "ring" ? "bracket" : "ring") : "", sc.trap != "lugs_missing");
   if (sc.trap == "revision") revise(part, sc.trap_size);
+  if (sc.width_mm > 0) part.width_mm = sc.width_mm;
+  if (sc.tolerance_mm > 0) part.tolerance_mm = sc.tolerance_mm;
   const std::vector<TrueEdge>&nominal_edges = part.drawn_edges, &edges = part.made_edges;
   std::vector<Burr> burrs;
   Random burr_random = Random::stream(sc.seed, "burr");
@@ -227,7 +246,25 @@ Result<Done<std::filesystem::path>> simulate(const Scenario& sc, const std::file
   const auto tool_true = drawn(cell.tools[0].T_flange_tool, 0.3, 0.0003, calibration_random);
   auto tool_given = drawn(tool_true, sd_tool, sd_tool_rad, calibration_random);
   if (sc.trap == "tool_bumped") tool_given.p_mm += 0.3 * sc.trap_size * Vec3(0.6, 0.8, 0);
+  // ---- devices: form and scale are the same in every picture
+  std::vector<SensorModel> models(2);
+  models[0].pitch_mm = 2.2, models[0].noise_mm = 0.18, models[0].correlation_px = 1.0, models[0].bias_mm = 0.05, models[0].baseline_mm = 140;
+  models[0].slope_power = 1, models[0].scale_ppm = 300, models[0].specular_ratio = 0.01;
+  models[1].pitch_mm = sc.is_light ? 0.42 : 0.30, models[1].noise_mm = 0.006, models[1].correlation_px = 0.8, models[1].bias_mm = 0.005, models[1].baseline_mm = 90;
+  models[1].slope_power = 2, models[1].scale_ppm = 100, models[1].specular_ratio = 0.005;
+  Random device_random = Random::stream(sc.seed, "device");
+  for (SensorModel& m : models) draw_device(m, device_random);
+
   const TrueRobot arm = arm_of(cell.robot, tool_given, sc.seed);
+  {  // Both are calibrated by moving this arm about the cell: its mean error over those poses goes into both, and into a sensor's what its scale is off by at the
+     // distance that it works in.
+    const Pose<frame::Flange, frame::Flange> mean = mean_error(arm, robot, tool_given, sc.seed);
+    for (std::size_t i = 0; i < mount_given.size(); ++i) {
+      const Vec3 shift(0, 0, -models[i].scale * cell.sensors[i].working_distance_mm);
+      mount_given[i] = mean * mount_given[i] * Pose<frame::Sensor, frame::Sensor>(Eigen::Quaterniond::Identity(), shift);
+    }
+    tool_given = mean * tool_given;
+  }
 
   // ---- fixture and mounting
   const double lift = 22;
@@ -289,6 +326,9 @@ Result<Done<std::filesystem::path>> simulate(const Scenario& sc, const std::file
       if (sc.trap == "edge_unscanned" && f == part.features.back()) continue;
       add_detail_shots(shots, f, nominal_edges, T_expected, cell.tools[0]);
     }
+  // The first detail view once more, last of all: whether the part still sits where it sat.
+  if (sc.captures.empty())
+    if (const auto first = std::find_if(shots.begin(), shots.end(), [](const Shot& s) { return s.sensor == 1; }); first != shots.end()) shots.push_back(Shot(*first));
   std::vector<Chip> chips;
   if (sc.trap == "edge_broken" && !edges.empty()) {
     const TrueEdge& e = edges.front();
@@ -299,13 +339,6 @@ Result<Done<std::filesystem::path>> simulate(const Scenario& sc, const std::file
   std::string scans = fmt::format("asbuilt: scans/1\nitem: {}\ntaken: '2026-11-22'\ncaptures:\n", item);
   Random scatter = Random::stream(sc.seed, "scatter"), sensor_random = Random::stream(sc.seed, "sensor");
 
-  std::vector<SensorModel> models(2);
-  models[0].pitch_mm = 2.2, models[0].noise_mm = 0.18, models[0].correlation_px = 1.0, models[0].bias_mm = 0.05, models[0].baseline_mm = 140;
-  models[0].slope_power = 1, models[0].scale_ppm = 300, models[0].specular_ratio = 0.01;
-  models[1].pitch_mm = sc.is_light ? 0.42 : 0.30, models[1].noise_mm = 0.006, models[1].correlation_px = 0.8, models[1].bias_mm = 0.005, models[1].baseline_mm = 90;
-  models[1].slope_power = 2, models[1].scale_ppm = 100, models[1].specular_ratio = 0.005;
-  Random device_random = Random::stream(sc.seed, "device");
-  for (SensorModel& m : models) draw_device(m, device_random);  // form and scale: the same in every picture
   if (sc.trap == "scale") models[1].scale += 5e-3 * sc.trap_size;
   int n_of[2] = {0, 0};
   Json captures_truth = Json::array();

@@ -28,6 +28,7 @@ struct Scenario {
   std::string trap;                // "", or the fault to build in (see docs/formats.md)
   double trap_size = 1;            // of a fault that has a size: 1 is gross
   bool is_light = false;           // fewer pixels
+  double width_mm = 0, tolerance_mm = 0;  // of the recipe; 0: the part's usual ones
   std::string item_id;             // "": part and seed
   std::vector<PlannedCapture> captures;  // of a scans file (as `asbuilt inspect` writes it); empty: the simulator's own
 };

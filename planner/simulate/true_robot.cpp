@@ -44,14 +44,16 @@ TrueRobot::TrueRobot(const RobotSpec& spec, const Pose<frame::Flange, frame::Too
 
   // postures over the working volume, tool roughly down
   std::vector<Joints> postures;
-  const double lo[6] = {-40, -35, -30, -50, -110, -150}, hi[6] = {40, 35, 40, 50, -40, 150};
+  const double spread_deg[6] = {40, 35, 35, 40, 35, 180};
   for (int k = 0; k < 200; ++k) {
     Joints q;
+    double lean_deg = 0;  // of upper arm and forearm together
     for (int i = 0; i < 6; ++i) {
-      // angles of the model are drawn and turned into joints: theta = sign * q - offset
-      const double theta_deg = (i == 1 ? 15 : i == 2 ? 85 : 0) + r.uniform(lo[i], hi[i]);
-      q[i] = is_chain_ ? spec.home_rad[i] + rad_from_deg(r.uniform(lo[i], hi[i]) - 0.5 * (lo[i] + hi[i]))
-                       : (rad_from_deg(theta_deg) + opw_.offsets_rad[i]) * opw_.signs[i];
+      const double off = r.uniform(-spread_deg[i], spread_deg[i]);
+      // angles of the model are drawn and turned into joints: theta = sign * q - offset; the wrist takes the tool back to pointing down
+      const double theta_deg = (i == 1 ? 5 : i == 2 ? 90 : i == 4 ? 180 - lean_deg : 0) + off;
+      if (i == 1 || i == 2) lean_deg += theta_deg;
+      q[i] = is_chain_ ? spec.home_rad[i] + rad_from_deg(off) : (rad_from_deg(theta_deg) + opw_.offsets_rad[i]) * opw_.signs[i];
     }
     postures.push_back(q);
   }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Faults of growing size built into virtual parts, and what gets through the gate. An emitted edge is out of tolerance when less
 // than 95 % of its length would have both legs of the chamfer in tolerance in the place the robot really touches.
-//   study_gate [--runs 500] [--cache DIR] [--parts bracket,ring]
+//   study_gate [--runs 500] [--cache DIR] [--parts bracket,ring] [--width MM --tolerance MM]
 // Exit status 3 when an edge that is out of tolerance was let through.
 #include <fmt/format.h>
 
@@ -34,12 +34,15 @@ struct Row {
 
 int main(int argc, char** argv) {
   int runs = 500;
+  double width = 0, tolerance = 0;
   std::string cache = "study_cache", list = "bracket,ring";
   for (int i = 1; i + 1 < argc; i += 2) {
     const std::string a = argv[i];
     if (a == "--runs") runs = std::stoi(argv[i + 1]);
     if (a == "--cache") cache = argv[i + 1];
     if (a == "--parts") list = argv[i + 1];
+    if (a == "--width") width = std::stod(argv[i + 1]);
+    if (a == "--tolerance") tolerance = std::stod(argv[i + 1]);
   }
   std::vector<std::string> parts;
   std::stringstream s(list);
@@ -51,7 +54,7 @@ int main(int argc, char** argv) {
     Scenario sc;
     sc.part = parts[static_cast<std::size_t>(k / 4) % parts.size()];
     sc.seed = 1000 + static_cast<std::uint64_t>(k), sc.is_light = true;
-    sc.trap = fault.trap, sc.trap_size = fault.size;
+    sc.trap = fault.trap, sc.trap_size = fault.size, sc.width_mm = width, sc.tolerance_mm = tolerance;
     const study::Run r = study::run(sc, {.cache = cache, .is_kept = false});
     Row& row = table[sc.trap.empty() ? "(good part)" : fmt::format("{} {:.1f}", fault.trap, fault.size)];
     ++row.runs;

@@ -9,6 +9,7 @@
 #include "planner/io/step/step_reader.hpp"
 #include "planner/simulate/files.hpp"
 #include "planner/geom/mesh_query.hpp"
+#include "planner/robot/robot.hpp"
 #include "planner/simulate/part_model.hpp"
 #include "planner/simulate/simulate.hpp"
 #include "planner/simulate/solid.hpp"
@@ -110,17 +111,20 @@ TEST(TrueRobot, is_as_far_from_its_model_as_ordered) {
   const CellSpec cell = virtual_cell();
   for (std::uint64_t seed : {1, 2, 3}) {
     const TrueRobot arm(cell.robot, cell.tools[0].T_flange_tool, seed, 0.42, 0.07, 0.02);
+    const auto robot = Robot::from(cell.robot);
+    ASSERT_TRUE(robot.has_value());
     Random r(seed);
     double mean = 0;
     int n = 0;
-    for (int k = 0; k < 300; ++k) {
-      Joints q{};
-      const double theta[6] = {r.uniform(-0.6, 0.6), 0.3 + r.uniform(-0.5, 0.5), 1.5 + r.uniform(-0.4, 0.5), r.uniform(-0.7, 0.7), r.uniform(-1.8, -0.8), r.uniform(-2, 2)};
-      const auto& k_opw = std::get<OpwParameters>(cell.robot.kinematics);
-      for (int i = 0; i < 6; ++i) q[i] = (theta[i] + k_opw.offsets_rad[i]) * k_opw.signs[i];
-      mean += ((arm.actual(q) * cell.tools[0].T_flange_tool).p_mm - (arm.nominal(q) * cell.tools[0].T_flange_tool).p_mm).norm();
+    for (int k = 0; k < 300; ++k) {  // tool down, leaning up to half a radian, over the space in front of the arm
+      const Eigen::Quaterniond q = quat_exp(Vec3(r.uniform(-0.5, 0.5), r.uniform(-0.5, 0.5), 0)) * quat_exp(r.uniform(-3, 3) * Vec3::UnitZ()) * quat_from_z(-Vec3::UnitZ(), Vec3::UnitX());
+      const Pose<frame::Base, frame::Tool> T(q, Vec3(r.uniform(850, 1500), r.uniform(-500, 500), r.uniform(350, 1000)));
+      const auto joints = posture(*robot, T * cell.tools[0].T_flange_tool.inverse());
+      if (!joints) continue;
+      mean += ((arm.actual(*joints) * cell.tools[0].T_flange_tool).p_mm - T.p_mm).norm();
       ++n;
     }
+    ASSERT_GT(n, 200);
     EXPECT_NEAR(mean / n, 0.42, 0.15);
   }
 }
