@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # What nearly every file needs, precompiled once for the program and once more, with GoogleTest, for the tests.
 set(ASBUILT_PCH_HEADERS <Eigen/Dense> <Eigen/Geometry> <algorithm> <array> <cmath> <functional> <map> <memory> <nlohmann/json.hpp> <optional>
-    <string> <tl/expected.hpp> <unordered_map> <variant> <vector> <fmt/format.h>)
+    <string> <tl/expected.hpp> <unordered_map> <variant> <vector> <fmt/format.h> ${CMAKE_SOURCE_DIR}/planner/base/compiled_once.hpp)
 
 # room(NAME SOURCES .. USES rooms.. LIBS third-party..): one static library asbuilt_NAME per room.
 # USES are rooms (linked PUBLIC), LIBS are third-party targets used only in .cpp files (PRIVATE).
