@@ -27,6 +27,10 @@ Json number(double v) {
   return v;
 }
 
+Json list_of(const Json& item) { return {{"type", "array"}, {"items", item}}; }
+Json list_of(const Json& item, std::size_t count) { return {{"type", "array"}, {"items", item}, {"minItems", count}, {"maxItems", count}}; }
+Json map_of(const Json& item) { return {{"type", "object"}, {"additionalProperties", item}}; }
+
 class SchemaWriter {
  public:
   Json properties = Json::object();
@@ -38,14 +42,20 @@ class SchemaWriter {
   template <class T>
   void operator()(const char* name, T& value, const Field& f) {
     Json j = type(value, f);
-    if (!f.doc.empty()) j["description"] = f.doc;
-    if (!f.unit.empty()) j["x-unit"] = f.unit;
-    if (!f.when_key.empty()) j["x-required-when"] = std::string(f.when_key) + ": " + std::string(f.when_values);
+    describe(j, f);
     if constexpr (std::is_same_v<T, double> || std::is_same_v<T, int>) {
       if (f.is_optional) j["default"] = number(value);
     } else if constexpr (std::is_same_v<T, bool>) {
       if (f.is_optional) j["default"] = value;
     }
+    add(name, std::move(j), f);
+  }
+  static void describe(Json& j, const Field& f) {
+    if (!f.doc.empty()) j["description"] = f.doc;
+    if (!f.unit.empty()) j["x-unit"] = f.unit;
+    if (!f.when_key.empty()) j["x-required-when"] = std::string(f.when_key) + ": " + std::string(f.when_values);
+  }
+  void add(const char* name, Json j, const Field& f) {
     properties[name] = std::move(j);
     if (!f.when_key.empty()) {
       Json words = Json::array();
@@ -130,14 +140,14 @@ class SchemaWriter {
       j["enum"] = Json::array();
       for (const auto& [word, e] : Words<T>::list) j["enum"].push_back(word);
     } else if constexpr (is_array<T>::value) {
-      j = {{"type", "array"}, {"items", type(value[0], f)}, {"minItems", value.size()}, {"maxItems", value.size()}};
+      j = list_of(type(value[0], f), value.size());
     } else if constexpr (is_vector<T>::value) {
       typename T::value_type inner{};
-      j = {{"type", "array"}, {"items", type(inner, f)}};
+      j = list_of(type(inner, f));
       if (f.count_min) j["minItems"] = f.count_min;
     } else if constexpr (is_map<T>::value) {
       typename T::mapped_type inner{};
-      j = {{"type", "object"}, {"additionalProperties", type(inner, f)}};
+      j = map_of(type(inner, f));
     } else {
       SchemaWriter w;
       T::fields(value, w);
@@ -148,7 +158,7 @@ class SchemaWriter {
   }
 };
 
-Json list_of(int count) { return {{"type", "array"}, {"items", {{"type", "number"}}}, {"minItems", count}, {"maxItems", count}}; }
+Json numbers_of(int count) { return {{"type", "array"}, {"items", {{"type", "number"}}}, {"minItems", count}, {"maxItems", count}}; }
 
 Json pose_schema(bool allows_joints) {
   const auto form = [](std::initializer_list<std::pair<const char*, Json>> parts) {
@@ -156,10 +166,10 @@ Json pose_schema(bool allows_joints) {
     for (const auto& [key, j] : parts) o["properties"][key] = j, o["required"].push_back(key);
     return o;
   };
-  Json rows = {{"type", "array"}, {"items", list_of(4)}, {"minItems", 4}, {"maxItems", 4}};
-  Json forms = Json::array({form({{"xyz", list_of(3)}, {"quat", list_of(4)}}), form({{"xyz", list_of(3)}, {"zyx", list_of(3)}}),
-                            form({{"xyz", list_of(3)}, {"rpy", list_of(3)}}), form({{"matrix", rows}})});
-  if (allows_joints) forms.push_back(form({{"joints", list_of(6)}}));
+  Json rows = {{"type", "array"}, {"items", numbers_of(4)}, {"minItems", 4}, {"maxItems", 4}};
+  Json forms = Json::array({form({{"xyz", numbers_of(3)}, {"quat", numbers_of(4)}}), form({{"xyz", numbers_of(3)}, {"zyx", numbers_of(3)}}),
+                            form({{"xyz", numbers_of(3)}, {"rpy", numbers_of(3)}}), form({{"matrix", rows}})});
+  if (allows_joints) forms.push_back(form({{"joints", numbers_of(6)}}));
   return {{"oneOf", forms}};
 }
 
