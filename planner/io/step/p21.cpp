@@ -3,10 +3,10 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cstring>
 
 #include "planner/io/step/p21_keywords.hpp"
+#include "planner/io/step/p21_number.hpp"
 
 namespace asbuilt::p21 {
 namespace {
@@ -26,9 +26,6 @@ constexpr std::array<std::uint8_t, 256> make_classes() {
   return t;
 }
 constexpr auto kClass = make_classes();
-
-constexpr double kPow10[] = {1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,  1e8,  1e9,  1e10, 1e11,
-                             1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20, 1e21, 1e22};
 
 class Parser {
  public:
@@ -408,7 +405,8 @@ class Parser {
           v.size = static_cast<std::uint32_t>(p_ - b);
           v.offset = static_cast<std::uint64_t>(b - begin_);
           ++p_;
-        } else if (!number(v)) {
+        } else if (const char* wrong = read_number(p_, end_, v)) {
+          fault_text_ = wrong;
           return false;
         }
       } else if (c == '\'') {
@@ -465,81 +463,6 @@ class Parser {
         return false;
       }
     }
-  }
-
-  bool number(Value& v) {
-    const char* b = p_;
-    bool negative = false;
-    if (*p_ == '-' || *p_ == '+') negative = *p_++ == '-';
-    std::uint64_t m = 0;
-    int digits_seen = 0, exponent = 0;
-    bool exact = true, real = false;
-    const auto digit = [&](bool fraction) {
-      if (digits_seen < 18) {
-        m = 10 * m + static_cast<std::uint64_t>(*p_ - '0');
-        if (m) ++digits_seen;
-        if (fraction) --exponent;
-      } else {
-        if (*p_ != '0') exact = false;
-        if (!fraction) ++exponent;
-      }
-      ++p_;
-    };
-    const char* first = p_;
-    while (p_ < end_ && (kClass[static_cast<std::uint8_t>(*p_)] & c_digit)) digit(false);
-    if (p_ < end_ && *p_ == '.') {
-      real = true;
-      ++p_;
-      while (p_ < end_ && (kClass[static_cast<std::uint8_t>(*p_)] & c_digit)) digit(true);
-    }
-    if (p_ == first) {
-      fault_text_ = "a number without digits";
-      return false;
-    }
-    if (p_ < end_ && (*p_ == 'E' || *p_ == 'e')) {
-      real = true;
-      ++p_;
-      bool minus = false;
-      if (p_ < end_ && (*p_ == '-' || *p_ == '+')) minus = *p_++ == '-';
-      int e = 0;
-      const char* eb = p_;
-      while (p_ < end_ && (kClass[static_cast<std::uint8_t>(*p_)] & c_digit)) {
-        if (e < 100000) e = 10 * e + (*p_ - '0');
-        ++p_;
-      }
-      if (p_ == eb) {
-        fault_text_ = "an exponent without digits";
-        return false;
-      }
-      exponent += minus ? -e : e;
-    }
-    if (!real) {
-      v.kind = Kind::integer;
-      if (!exact || digits_seen >= 18) {
-        fault_text_ = "an integer with more than 17 digits";
-        return false;
-      }
-      v.integer = negative ? -static_cast<std::int64_t>(m) : static_cast<std::int64_t>(m);
-      return true;
-    }
-    v.kind = Kind::real;
-    if (exact && m <= (std::uint64_t(1) << 53) && exponent >= -22 && exponent <= 22) {  // exact by one rounding
-      const double d = static_cast<double>(m);
-      v.real = exponent < 0 ? d / kPow10[-exponent] : d * kPow10[exponent];
-      if (negative) v.real = -v.real;
-      return true;
-    }
-    if (*b == '+') ++b;
-    double d = 0;
-    const auto r = std::from_chars(b, p_, d);
-    if (r.ec == std::errc::result_out_of_range) {
-      d = exponent < 0 ? 0.0 : 1e308 * (negative ? -1 : 1);
-    } else if (r.ec != std::errc()) {
-      fault_text_ = "a number that cannot be read";
-      return false;
-    }
-    v.real = d;
-    return true;
   }
 
   File& file_;

@@ -4,11 +4,11 @@
 //
 //   study_agreement WORK [BATCH.yaml OUT]..     writes WORK/N-ITEM/{cell.json,expected.json,krl,inform,beckhoff} for tests/contract/second_readers.py
 #include <cmath>
-#include <fstream>
+#include <filesystem>
 
-#include "planner/base/archive.hpp"
 #include "planner/verify/verify.hpp"
 #include "tests/bench/post/emitted.hpp"
+#include "tests/support/foreign_case.hpp"
 
 namespace {
 
@@ -46,47 +46,6 @@ double measured(const Verdict& v, const char* name) {
   for (const Check& c : v.checks)
     if (c.name == name) return c.measured;
   return NAN;
-}
-
-Json matrix_of(const Pose<frame::Base, frame::Tool>& T) {
-  const Eigen::Matrix4d m = T.matrix().matrix();
-  Json rows = Json::array();
-  for (int i = 0; i < 4; ++i) rows.push_back({m(i, 0), m(i, 1), m(i, 2), m(i, 3)});
-  return rows;
-}
-
-/// For the foreign parsers: the cell, and the plan as they list it.
-void write_work(const std::filesystem::path& folder, const ItemRecord& r, const PostContext& context, const Program& plan) {
-  Json cell, expected = Json::array();
-  const ControllerSpec& c = context.cell.controller;
-  if (c.pulses_per_degree) cell["controller"]["inform"]["pulses_per_degree"] = *c.pulses_per_degree;
-  if (c.speed_unit) cell["controller"]["inform"]["speed_unit"] = std::string(name_of(*c.speed_unit));
-  if (c.orientation) cell["controller"]["beckhoff"]["orientation"] = std::string(name_of(*c.orientation));
-  for (const ToolSpec& t : context.cell.tools) {
-    const auto& T = t.T_flange_tool;
-    cell["tools"].push_back({{"id", t.id}, {"number", t.number}, {"spindle", {{"max_rpm", t.spindle.max_rpm}, {"output", t.spindle.output}, {"analog", t.spindle.analog}}},
-                             {"flange_tool", {{"xyz", {T.p_mm.x(), T.p_mm.y(), T.p_mm.z()}}, {"quat", {T.q.w(), T.q.x(), T.q.y(), T.q.z()}}}}});
-  }
-  double rpm = 0;
-  for (const Instruction& i : plan.instructions) {
-    if (const auto* s = std::get_if<SpindleOn>(&i)) rpm = s->rpm;
-    if (std::holds_alternative<SpindleOff>(i)) rpm = 0;
-    if (const auto* m = std::get_if<MoveJoint>(&i)) {
-      Json q = Json::array();
-      for (double v : m->q_rad) q.push_back(deg_from_rad(v));
-      expected.push_back({{"kind", "joint"}, {"joints", q}});
-    }
-    if (const auto* m = std::get_if<MoveLinear>(&i)) expected.push_back({{"kind", "line"}, {"pose", matrix_of(m->T_base_tool)}, {"speed", m->speed_mm_s}, {"spin", rpm}});
-    if (const auto* m = std::get_if<MoveCircular>(&i)) expected.push_back({{"kind", "arc"}, {"pose", matrix_of(m->T_base_tool)}, {"speed", m->speed_mm_s}, {"spin", rpm}});
-  }
-  std::filesystem::create_directories(folder);
-  for (const ReleasedProgram& p : r.programs) {
-    const auto in = folder / std::string(name_of(p.text.language));
-    std::filesystem::create_directories(in);
-    for (const ProgramFile& f : p.text.files) std::ofstream(in / f.name, std::ios::binary) << f.bytes;
-  }
-  std::ofstream(folder / "cell.json") << cell.dump();
-  std::ofstream(folder / "expected.json") << expected.dump();
 }
 
 }  // namespace
@@ -136,7 +95,11 @@ int main(int argc, char** argv) {
         std::printf("%-14s %s against %s: %.6f mm, %.7f deg, %.5f mm/s, joints %.4f of their digits, events %s\n", r.item_id.c_str(), std::string(name_of(post_p.language)).c_str(),
                     std::string(name_of(post_q.language)).c_str(), mm, deg_from_rad(rad), feed, joint, p.events == q.events ? "the same" : "NOT the same");
       }
-    if (is_one_plan) write_work(std::filesystem::path(argv[1]) / (std::to_string(items) + "-" + r.item_id), r, context, shaped.empty() ? *r.program : shaped[0].second);
+    std::vector<ProgramText> texts;
+    for (const ReleasedProgram& p : r.programs) texts.push_back(p.text);
+    if (is_one_plan)
+      support::write_foreign_case(std::filesystem::path(argv[1]) / (std::to_string(items) + "-" + r.item_id), context, context.cell.tools,
+                                  shaped.empty() ? *r.program : shaped[0].second, texts);
   });
   std::printf("%d items, %d faults\n", items, faults);
   return is_read && items > 0 && faults == 0 ? 0 : 1;
