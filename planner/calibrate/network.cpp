@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include "planner/calibrate/network_detail.hpp"
 #include "planner/calibrate/statistics.hpp"
@@ -87,10 +88,22 @@ struct PoseBlock {
   }
 };
 
+/// What the observations of one view share, kept while Ceres asks for one after the other at the same parameters (in one thread).
+struct BenchOfView {
+  std::array<double, 7 + 7 + 6 + kSensorConstants> at{};
+  std::optional<Bench> bench;
+  const Bench& get(const Network& network, const NetworkView& view, const double* X, const double* Y, const Vec6& e, const double* sensor) {
+    std::array<double, 7 + 7 + 6 + kSensorConstants> now;
+    std::copy(X, X + 7, now.begin()), std::copy(Y, Y + 7, now.begin() + 7), std::copy(e.data(), e.data() + 6, now.begin() + 14), std::copy(sensor, sensor + kSensorConstants, now.begin() + 20);
+    if (!bench || now != at) bench.emplace(network, view, PoseBlock::pose<frame::Mount, frame::Sensor>(X), PoseBlock::pose<frame::Place, frame::Target>(Y), e, sensor), at = now;
+    return *bench;
+  }
+};
+
 class SightCost final : public ceres::CostFunction {
  public:
-  SightCost(const Network& network, const NetworkView& view, const Observation& o, const Vec6& weights, const Eigen::VectorXd& arm_at)
-      : network_(network), view_(view), o_(o), weights_(weights), arm_at_(arm_at), rows_(rows_of(network.sight)) {
+  SightCost(const Network& network, const NetworkView& view, const Observation& o, const Vec6& weights, const Eigen::VectorXd& arm_at, BenchOfView& shared)
+      : network_(network), view_(view), o_(o), weights_(weights), arm_at_(arm_at), shared_(shared), rows_(rows_of(network.sight)) {
     set_num_residuals(rows_);
     auto& sizes = *mutable_parameter_block_sizes();
     sizes = {7, 7, 6, kSensorConstants};
@@ -99,7 +112,7 @@ class SightCost final : public ceres::CostFunction {
   bool Evaluate(double const* const* p, double* residuals, double** jacobians) const override {
     Vec6 e = Eigen::Map<const Vec6>(p[2]);
     if (arm_at_.size()) e += view_.robot_twist * (Eigen::Map<const Eigen::VectorXd>(p[4], arm_at_.size()) - arm_at_);
-    const Bench bench(network_, view_, PoseBlock::pose<frame::Mount, frame::Sensor>(p[0]), PoseBlock::pose<frame::Place, frame::Target>(p[1]), e, p[3]);
+    const Bench& bench = shared_.get(network_, view_, p[0], p[1], e, p[3]);
     double r[6];
     Derivatives d;
     residual_of(bench, o_, view_.T_sensor_target, r, jacobians ? &d : nullptr);
@@ -121,6 +134,7 @@ class SightCost final : public ceres::CostFunction {
   const Observation& o_;
   Vec6 weights_;
   const Eigen::VectorXd& arm_at_;
+  BenchOfView& shared_;
   int rows_;
 };
 
@@ -144,6 +158,7 @@ class BeliefCost final : public ceres::CostFunction {
   std::vector<double> mean_, weight_;
 };
 
+constexpr double kStandsAsGiven = 1e8;  // belief_count from which the sds are not estimated
 const Observation kWhole{};
 
 /// The observations of a view; of a pose: one.
@@ -178,17 +193,29 @@ ViewNormal normal_of(const Network& n, const NetworkView& v, const NetworkState&
   out.cc = Eigen::MatrixXd::Zero(size, size), out.cr = Eigen::MatrixXd::Zero(size, 6);
   const Bench bench(n, v, s.T_mount_sensor, s.T_place_target, robot, s.sensor.data());
   const Vec6 w = weights_of_rows(n.sight, sds);
+  // fixed sizes: this runs once an observation and dominates where a view has hundreds
+  constexpr int kPlain = 12 + kSensorConstants;
+  Eigen::Matrix<double, kPlain, kPlain> cc = Eigen::Matrix<double, kPlain, kPlain>::Zero();
+  Eigen::Matrix<double, kPlain, 6> cr = Eigen::Matrix<double, kPlain, 6>::Zero();
   for (std::size_t i = 0; i < observations_count(n, v); ++i) {
     if (used && !(*used)[i]) continue;
     double r[6];
     Derivatives d;
     residual_of(bench, observation(n, v, i), v.T_sensor_target, r, &d);
-    Eigen::MatrixXd J(rows, size);
-    J.leftCols<6>() = d.mount.topRows(rows), J.middleCols<6>(6) = d.target.topRows(rows), J.middleCols<kSensorConstants>(12) = d.sensor.topRows(rows);
-    if (n.arm_sd.size()) J.rightCols(n.arm_sd.size()) = d.robot.topRows(rows) * v.robot_twist;
-    Eigen::MatrixXd E = d.robot.topRows(rows);
-    J = w.head(rows).asDiagonal() * J, E = w.head(rows).asDiagonal() * E;
-    out.cc += J.transpose() * J, out.cr += J.transpose() * E, out.rr += E.transpose() * E;
+    for (int row = 0; row < rows; ++row) {
+      Eigen::Matrix<double, kPlain, 1> j;
+      j << d.mount.row(row).transpose(), d.target.row(row).transpose(), d.sensor.row(row).transpose();
+      const Vec6 e = w[row] * d.robot.row(row).transpose();
+      j *= w[row];
+      cc.noalias() += j * j.transpose(), cr.noalias() += j * e.transpose(), out.rr.noalias() += e * e.transpose();
+    }
+  }
+  out.cc.topLeftCorner<kPlain, kPlain>() = cc, out.cr.topRows<kPlain>() = cr;
+  if (const Eigen::Index a = n.arm_sd.size(); a > 0) {  // the arm acts through the robot's twist
+    out.cr.bottomRows(a) = v.robot_twist.transpose() * out.rr;
+    out.cc.bottomRightCorner(a, a) = out.cr.bottomRows(a) * v.robot_twist;
+    out.cc.topRightCorner(kPlain, a) = cr * v.robot_twist;
+    out.cc.bottomLeftCorner(a, kPlain) = out.cc.topRightCorner(kPlain, a).transpose();
   }
   out.rr.diagonal() += robot_weights(sds).cwiseAbs2();
   return out;
@@ -225,6 +252,7 @@ void ceres_solve(Working& w, bool is_robust, int iterations) {
   Network& n = w.network;
   PoseBlock X = PoseBlock::of(w.state.T_mount_sensor), Y = PoseBlock::of(w.state.T_place_target);
   const Eigen::VectorXd arm_at = w.state.arm;
+  std::vector<BenchOfView> shared(n.views.size());
   ceres::Problem problem;
   auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
   const auto pose_block = [&](double* block, const std::array<bool, 6>& is_free) {
@@ -270,7 +298,7 @@ void ceres_solve(Working& w, bool is_robust, int iterations) {
       if (!w.observation_used[k][i]) continue;
       std::vector<double*> blocks{X.v, Y.v, e, sensor};
       if (arm_at.size()) blocks.push_back(w.state.arm.data());
-      problem.AddResidualBlock(new SightCost(n, v, observation(n, v, i), rows, arm_at), is_robust ? new ceres::CauchyLoss(3.0) : nullptr, blocks);
+      problem.AddResidualBlock(new SightCost(n, v, observation(n, v, i), rows, arm_at, shared[k]), is_robust ? new ceres::CauchyLoss(3.0) : nullptr, blocks);
     }
   }
   ceres::Solver::Options options;
@@ -452,7 +480,12 @@ NetworkSolution solve_network(const NetworkRecipe& recipe, const Network& networ
   for (int round = 0; round < 3; ++round) {
     ceres_solve(w, true, round == 0 ? 100 : 30);
     s = statistics_of(w);
+    const Sds before = w.sds;
     update_sds(w, recipe, s, true);
+    if (recipe.belief_count > kStandsAsGiven) {  // nothing to find: the first solve was the last
+      w.sds = before;
+      break;
+    }
   }
   double cost = w.cost;
   std::vector<NetworkOutlier> outliers;

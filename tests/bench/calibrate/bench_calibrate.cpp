@@ -68,6 +68,28 @@ struct NumericView {
   }
 };
 
+/// One point of a target as somebody would write it down who wants the same as the joint solve: the robot's error of the view as six
+/// more unknowns.
+struct NumericPoint {
+  const Merit* m;
+  std::size_t view, observation;
+  double sensor_sd_mm;
+  bool operator()(const double* x, const double* robot, double* r) const {
+    const NetworkState s = m->moved(x);
+    const NetworkView& v = m->n->views[view];
+    const Observation& o = v.observations[observation];
+    Eigen::Map<Vec3>{r} = (o.z - target_in_sensor(*m->n, v, s, Eigen::Map<const Vec6>(robot)).point(o.p_target)) / sensor_sd_mm;
+    return true;
+  }
+};
+struct NumericRobot {
+  double sd_mm, sd_rad;
+  bool operator()(const double* e, double* r) const {
+    for (int i = 0; i < 6; ++i) r[i] = e[i] / (i < 3 ? sd_mm : sd_rad);
+    return true;
+  }
+};
+
 }  // namespace
 
 int main() {
@@ -125,6 +147,11 @@ int main() {
   const double t_quick = ms_of(11, [&] { s = solve_network(quick, g.network, at); });
   row("joint solve, once through", t_quick, error(s.state.T_mount_sensor));
 
+  NetworkRecipe given = quick;
+  given.belief_count = 1e9;
+  const double t_given = ms_of(11, [&] { s = solve_network(given, g.network, at); });
+  row("  of this with sds given: one robust, one plain, covariance", t_given, error(s.state.T_mount_sensor));
+
   Merit merit{&g.network, at, {}};
   const Eigen::MatrixXd none = Eigen::MatrixXd::Zero(12 + kSensorConstants, 12 + kSensorConstants);
   for (const NetworkView& v : g.network.views) {
@@ -148,7 +175,32 @@ int main() {
     ceres::Solver::Summary summary;
     ceres::Solve(options, &problem, &summary);
   });
-  row("  peer: Ceres, numeric derivatives, same merit", t_numeric, error(merit.moved(x).T_mount_sensor));
+  row("  peer: Ceres, numeric, marginalised, no loss, no covariance", t_numeric, error(merit.moved(x).T_mount_sensor));
+
+  const auto explicit_solve = [&](bool is_robust) {
+    std::fill(x, x + 12, 0.0);
+    std::vector<Vec6> robot(g.network.views.size(), Vec6::Zero());
+    ceres::Problem problem;
+    auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
+    problem.AddParameterBlock(x, 12);
+    ordering->AddElementToGroup(x, 1);
+    for (std::size_t k = 0; k < robot.size(); ++k) {
+      problem.AddResidualBlock(new ceres::NumericDiffCostFunction<NumericRobot, ceres::CENTRAL, 6, 6>(new NumericRobot{recipe.robot_sd_mm, recipe.robot_sd_rad}), is_robust ? new ceres::CauchyLoss(3.5) : nullptr, robot[k].data());
+      ordering->AddElementToGroup(robot[k].data(), 0);
+      for (std::size_t i = 0; i < g.network.views[k].observations.size(); ++i)
+        problem.AddResidualBlock(new ceres::NumericDiffCostFunction<NumericPoint, ceres::CENTRAL, 3, 12, 6>(new NumericPoint{&merit, k, i, recipe.sensor_sd_mm}), is_robust ? new ceres::CauchyLoss(3.0) : nullptr, x, robot[k].data());
+    }
+    ceres::Solver::Options options;
+    options.linear_solver_type = ceres::DENSE_SCHUR;
+    options.linear_solver_ordering = ordering;
+    options.logging_type = ceres::SILENT;
+    options.num_threads = 1;
+    options.function_tolerance = 1e-12;
+    ceres::Solver::Summary summary;
+    ceres::Solve(options, &problem, &summary);
+  };
+  const double t_robust = ms_of(5, [&] { explicit_solve(true), explicit_solve(false); });
+  row("  peer: Ceres, numeric derivatives, one robust, one plain", t_robust, error(merit.moved(x).T_mount_sensor));
 
   std::vector<double> y(12, 0.0);
   double value = 0;
