@@ -157,7 +157,6 @@ std::vector<PairTest> pair_tests(const RobotPrior& prior, const AdjustRequest& r
   };
   for (std::size_t i = 0; i < clusters.size(); ++i)
     for (std::size_t j = i + 1; j < clusters.size() && clusters[j].face == clusters[i].face && clusters[j].cell == clusters[i].cell; ++j) {
-      if (adjusted.weight[i] < 0.05 && adjusted.weight[j] < 0.05) continue;
       pairs[{clusters[i].capture, clusters[j].capture}].push_back(
           {0.5 * (clusters[i].wrench + clusters[j].wrench), clusters[i].distance_mm - clusters[j].distance_mm, variance(clusters[i]) + variance(clusters[j])});
     }
