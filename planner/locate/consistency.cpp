@@ -122,12 +122,24 @@ PairTest pair_test(const std::vector<Place>& places, const Mat6& D) {
   PairTest t;
   t.places_count = places.size();
   const Mat6 L = D.llt().matrixL();
-  Vec6 x = Vec6::Zero();
+  // From no motion and from the one that all places together ask for; kept is the one on which more places agree. From the first alone, faces along which the part was
+  // moved would outvote the few that stand across.
   Weighed seen;
-  for (int round = 0; round < 8; ++round) {
-    seen = weigh(places, x);
-    const Mat6 Hw = L.transpose() * seen.H * L + Mat6::Identity();
-    x = L * Hw.ldlt().solve(L.transpose() * seen.g);
+  for (const bool from_all : {false, true}) {
+    Vec6 x = Vec6::Zero();
+    if (from_all) {
+      Mat6 H = Mat6::Zero();
+      Vec6 g = Vec6::Zero();
+      for (const Place& p : places) H += p.wrench * p.wrench.transpose() / p.own_mm2, g += p.wrench * (p.apart_mm / p.own_mm2);
+      x = L * (L.transpose() * H * L + 1e-6 * Mat6::Identity()).ldlt().solve(L.transpose() * g);
+    }
+    Weighed here;
+    for (int round = 0; round < 8; ++round) {
+      here = weigh(places, x);
+      const Mat6 Hw = L.transpose() * here.H * L + Mat6::Identity();
+      x = L * Hw.ldlt().solve(L.transpose() * here.g);
+    }
+    if (here.total > seen.total) seen = here;
   }
   if (seen.total < static_cast<double>(kPlacesMin)) return t;  // too few of them agree on any motion
   double apart = 0, allowed = 0;

@@ -17,7 +17,7 @@ constexpr double kOtherAngleRad = rad_from_deg(8.0), kOtherShiftMm = 8.0;  // hy
 constexpr double kSeeThroughMax = 0.10;
 // What a sound cell shows less often than this is taken for a fault: any of its pairs of captures (Bonferroni), a hand-eye. The hand-eyes' priors are rather too wide
 // and their probabilities lie near 1, so their limit is that of one test.
-constexpr double kPairsProbabilityMin = 0.02, kHandEyeProbabilityMin = 0.02;
+constexpr double kPairsProbabilityMin = 0.02, kHandEyeProbabilityMin = 0.005;
 constexpr double kInformationMin = 10.0;        // of the data against the play, else the play decides
 constexpr std::size_t kRaysMin = 50, kCellsMin = 60;
 
@@ -204,7 +204,7 @@ std::optional<Refusal> check_consistency(const Job& job, const MeasuredCloud& cl
   const auto name = [&](int k) { return k < 0 ? std::string("none") : cloud.captures[static_cast<std::size_t>(k)].name; };
   const auto sensor_of = [&](int k) { return cloud.captures[static_cast<std::size_t>(k)].sensor; };
   const auto once_in = [](double p) { return p < 1e-9 ? std::string("more than 1e9") : number(1 / p, 0); };
-  const std::string next = " Check the sensor's mount and the poses in the scan file, calibrate again, then scan again.";
+  const std::string next = " See that the part was not moved between them; check the sensor's mount and the poses in the scan file, calibrate again, then scan again.";
   std::optional<HandEyeTest> off;
   for (const HandEyeTest& t : hand_eye_tests(prior, request, adjusted))
     if (t.p < kHandEyeProbabilityMin && (!off || t.p < off->p)) off = t;
