@@ -15,6 +15,8 @@ namespace asbuilt::burring {
 
 namespace {
 
+constexpr double kDoubts = 3;  // sd of a capture's unknown zero within which a point may stand out
+
 /// Height over a face near the edge: the local plane of the station, bent as the fitted surface bends across the edge.
 struct FaceFrame {
   bool is_plane = true;
@@ -57,28 +59,18 @@ double median_of(std::vector<double> v) {
 }
 
 /// How far one capture sees the two faces of one edge off the fitted ones, along the edge: medians over bins, smoothed over their
-/// neighbours. A face that it does not see begins where the other one ends, as far as the location doubts where the capture was: a
-/// quarter of all bins ends there or before, because a burr may carry on the others.
+/// neighbours. Of a face that it does not see, nothing is known here.
 class FaceZero {
  public:
   void collect(const SectionPoint& p) {
     const float out = p.out_mm(), inside = -std::min(p.f_1_mm, p.f_2_mm);
-    for (std::size_t k = 0; k < 2; ++k) {
-      const float over = k == 0 ? p.f_1_mm : p.f_2_mm, beyond = k == 0 ? p.f_2_mm : p.f_1_mm;  // on face k, towards the other
-      if (std::abs(over) > kOn_mm || std::abs(beyond) > 2 * kMost_mm || p.s_mm < 0) continue;
-      auto& side = ends_[1 - k];
-      const std::size_t bin = static_cast<std::size_t>(p.s_mm / kBin_mm);
-      if (side.size() <= bin) side.resize(bin + 1);
-      side[bin].push_back(beyond);
-    }
     if (std::abs(out) > kMost_mm || inside < 0.4 || inside > 2.5 || p.s_mm < 0) return;
     auto& side = heights_[p.f_1_mm > p.f_2_mm ? 0 : 1];
     const std::size_t bin = static_cast<std::size_t>(p.s_mm / kBin_mm);
     if (side.size() <= bin) side.resize(bin + 1);
     side[bin].push_back(out);
   }
-  /// `doubt_mm`: of the capture's place along the two normals, 1 sd.
-  void settle(const std::array<double, 2>& doubt_mm) {
+  void settle() {
     for (std::size_t k = 0; k < 2; ++k) {
       auto& side = heights_[k];
       std::vector<std::pair<double, double>> middles;  // of a bin: weight, median
@@ -100,35 +92,20 @@ class FaceZero {
         if (zero_[k][i - 1] == kUnknown) zero_[k][i - 1] = zero_[k][i];
       side.clear();
     }
-    for (std::size_t k = 0; k < 2; ++k) {
-      std::vector<float> ends;
-      if (zero_[k].empty() || zero_[k].front() == kUnknown)
-        for (auto& bin : ends_[k]) {
-          if (bin.size() < kPointsMin) continue;
-          const auto last = bin.begin() + static_cast<std::ptrdiff_t>(19 * bin.size() / 20);
-          std::nth_element(bin.begin(), last, bin.end());
-          ends.push_back(*last);
-        }
-      if (ends.size() >= 3) {
-        std::nth_element(ends.begin(), ends.begin() + static_cast<std::ptrdiff_t>(ends.size() / 4), ends.end());
-        const double end = ends[ends.size() / 4];
-        zero_[k].assign(1, std::copysign(std::clamp(std::abs(end) - kEndKnown_mm, 0.0, kDoubts * doubt_mm[k]), end));
-      }
-      ends_[k].clear();
-    }
   }
+  bool is_known(std::size_t side) const { return !zero_[side].empty() && zero_[side].front() != kUnknown; }
   double at(std::size_t side, double s_mm) const {
+    if (!is_known(side)) return 0;
     const auto& zero = zero_[side];
-    if (zero.empty() || zero.front() == kUnknown) return 0;
     const double x = std::clamp(s_mm / kBin_mm - 0.5, 0.0, static_cast<double>(zero.size() - 1));
     const std::size_t i = std::min(static_cast<std::size_t>(x), zero.size() - 1), j = std::min(i + 1, zero.size() - 1);
     return zero[i] + (x - static_cast<double>(i)) * (zero[j] - zero[i]);
   }
 
  private:
-  static constexpr double kBin_mm = 4.0, kMost_mm = 0.2, kUnknown = 1e9, kOn_mm = 0.04, kEndKnown_mm = 0.03, kDoubts = 2.0;
+  static constexpr double kBin_mm = 4.0, kMost_mm = 0.2, kUnknown = 1e9;
   static constexpr std::size_t kPointsMin = 8;
-  std::array<std::vector<std::vector<float>>, 2> heights_, ends_;
+  std::array<std::vector<std::vector<float>>, 2> heights_;
   std::array<std::vector<double>, 2> zero_;
 };
 
@@ -162,7 +139,9 @@ double carved_height_mm(const EdgeSection& section, double s_mm, double lean_rad
 namespace {
 
 /// Where the ray from the eye to a point in section coordinates (f_1, f_2, s) crosses the half-lines on which a fin could stand.
-void carve(std::vector<Carving>& carved, double f_1, double f_2, double s, const Vec3& to_eye, double margin_mm) {
+/// `doubt_mm`: of the point's heights over the two faces; a bound is raised by it.
+void carve(std::vector<Carving>& carved, double f_1, double f_2, double s, const Vec3& to_eye, double margin_mm,
+           const std::array<double, 2>& doubt_mm) {
   for (int k = 0; k < Carving::kLeans; ++k) {
     const double c = std::cos(Carving::lean_rad(k)), w = std::sin(Carving::lean_rad(k));
     const double facing = to_eye.x() * w - to_eye.y() * c;
@@ -173,7 +152,7 @@ void carve(std::vector<Carving>& carved, double f_1, double f_2, double s, const
     const double at_s = s + t * to_eye.z();
     if (along <= 0 || at_s < 0) continue;
     const std::size_t bin = static_cast<std::size_t>(at_s / Carving::kBin_mm);
-    if (bin < carved.size()) carved[bin].add(k, static_cast<float>(along * std::max(c, w)));
+    if (bin < carved.size()) carved[bin].add(k, static_cast<float>(along * std::max(c, w) + 2 * (c > w ? doubt_mm[0] : doubt_mm[1])));
   }
 }
 
@@ -253,8 +232,15 @@ std::vector<EdgeSection> cut_sections(const SectionOptions& options, const Measu
   for (const Found& f : found)
     if (f.edge >= 0) zeros[static_cast<std::size_t>(f.point.capture)][static_cast<std::size_t>(f.edge)].collect(f.point);
   tbb::parallel_for(std::size_t(0), cloud.captures.size(), [&](std::size_t k) {
-    for (std::size_t e = 0; e < out.size(); ++e) zeros[k][e].settle(doubt_mm(location, features.edges[e], k));
+    for (FaceZero& zero : zeros[k]) zero.settle();
   });
+  for (std::size_t e = 0; e < out.size(); ++e)
+    for (std::size_t k = 0; k < cloud.captures.size(); ++k) {
+      auto sd = doubt_mm(location, features.edges[e], k);
+      for (std::size_t side = 0; side < 2; ++side)
+        if (zeros[k][e].is_known(side)) sd[side] = 0;
+      out[e].zero_sd_mm.push_back(sd);
+    }
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, found.size(), 4096), [&](const tbb::blocked_range<std::size_t>& range) {
     for (std::size_t i = range.begin(); i < range.end(); ++i) {
       Found& f = found[i];
@@ -262,17 +248,19 @@ std::vector<EdgeSection> cut_sections(const SectionOptions& options, const Measu
       const FaceZero& zero = zeros[static_cast<std::size_t>(f.point.capture)][static_cast<std::size_t>(f.edge)];
       f.point.f_1_mm -= static_cast<float>(zero.at(0, f.point.s_mm)), f.point.f_2_mm -= static_cast<float>(zero.at(1, f.point.s_mm));
       const float f_1 = f.point.f_1_mm, f_2 = f.point.f_2_mm;
-      const double out = std::max(f_1, f_2);
-      f.point.sigma_mm *= std::max(0.3f, std::abs(f_1 > f_2 ? f.point.ray_1 : f.point.ray_2));
+      const double height = std::max(f_1, f_2);
+      const auto& doubt = out[static_cast<std::size_t>(f.edge)].zero_sd_mm[static_cast<std::size_t>(f.point.capture)];
       bool is_kept = false;
-      if (out > options.threshold_mm) {
+      if (height > options.threshold_mm) {
         // A burr stands on the edge: what hangs over a face farther off than it stands out is no burr.
-        is_kept = f.distance_mm <= 1.45 * out + 0.25;
+        is_kept = f.distance_mm <= 1.45 * height + 0.25;
         f.kind = 0;
-      } else if (std::abs(out) <= options.threshold_mm) {
+      } else {
         const double inside = -std::min(f_1, f_2);
-        is_kept = inside >= 0.25 && inside <= 2.5;
+        is_kept = std::abs(height) <= options.threshold_mm && inside >= 0.25 && inside <= 2.5;
         f.kind = f_1 > f_2 ? 1 : 2;
+        if (!is_kept && std::max(f_1 + kDoubts * doubt[0], f_2 + kDoubts * doubt[1]) > options.threshold_mm && f.distance_mm <= 0.25)
+          is_kept = true, f.kind = 0;
       }
       if (!is_kept) f.edge = -1;
     }
@@ -300,7 +288,8 @@ std::vector<EdgeSection> cut_sections(const SectionOptions& options, const Measu
         auto& bins = mine[f.line];
         if (bins.empty()) bins.resize(out[f.line].carved.size());
         const FaceZero& zero = zeros[k][f.line];
-        carve(bins, v.dot(e.n_1[a]) - zero.at(0, f.s_mm), v.dot(e.n_2[a]) - zero.at(1, f.s_mm), f.s_mm, Vec3(ray.dot(e.n_1[a]), ray.dot(e.n_2[a]), ray.dot(tangent)), 0.05);
+        carve(bins, v.dot(e.n_1[a]) - zero.at(0, f.s_mm), v.dot(e.n_2[a]) - zero.at(1, f.s_mm), f.s_mm, Vec3(ray.dot(e.n_1[a]), ray.dot(e.n_2[a]), ray.dot(tangent)), 0.05,
+              out[f.line].zero_sd_mm[k]);
       }
     }
   });

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <vector>
 
 #include "planner/artefacts/cloud.hpp"
@@ -14,10 +15,12 @@
 namespace asbuilt::burring {
 
 struct SectionPoint {
-  float s_mm, f_1_mm, f_2_mm, sigma_mm;  // sigma across the section
+  float s_mm, f_1_mm, f_2_mm, sigma_mm;  // sigma along the ray
   float ray_1, ray_2;                    // the ray along the two normals
   int capture;
   float out_mm() const { return std::max(f_1_mm, f_2_mm); }
+  /// 1 sd of out_mm: what the noise along the ray is across the face over which the point stands out.
+  float sigma_out_mm() const { return sigma_mm * std::max(0.3f, std::abs(f_1_mm > f_2_mm ? ray_1 : ray_2)); }
 };
 
 /// How one capture looked at 1 mm of an edge: its points on the two faces close to the edge, and the mean direction of the rays
@@ -40,10 +43,13 @@ struct Carving {
 };
 
 struct EdgeSection {
-  std::vector<SectionPoint> proud;        // standing out near the edge: burr, and what is not
+  std::vector<SectionPoint> proud;        // standing out near the edge, or perhaps: burr, and what is not
   std::vector<float> face_1_s, face_2_s;  // arc lengths of points on the faces close to the edge: proof of sight, ascending
   std::vector<std::vector<Sight>> sights; // by capture, by mm along the edge; empty for captures that did not see it
   std::vector<Carving> carved;            // by Carving::kBin_mm along the edge
+  /// By capture: how far off the heights of its points over face 1 and face 2 may be as a whole (1 sd). 0 where it sees that face
+  /// itself beside this edge; else as well as the capture's place is known.
+  std::vector<std::array<double, 2>> zero_sd_mm;
   double noise_mm = 0;                    // robust sd of the height of the face points close to the edge
   double offset_1_mm = 0, offset_2_mm = 0;  // median height of those points: what the fit left
 };
