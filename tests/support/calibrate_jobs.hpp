@@ -48,26 +48,20 @@ inline TrueJob make_job(const JobOptions& o) {
   for (const Vec3& p : points) middle += p / static_cast<double>(points.size());
   const CameraConstants camera{1350, 1352, 640, 512, -0.11, 0.17, 4e-4, -3e-4, 0};
   if (is_board) q.camera = camera;
-  const Pose<frame::Flange, frame::Sensor> nominal(quat_exp(Vec3(0.3, -0.5, 1.4)), Vec3(80, -30, 150));
-  const Pose<frame::Base, frame::Sensor> eye_nominal(quat_exp(Vec3(2.6, 0.3, -0.4)), Vec3(1300, 200, 900));
-  const auto hand = nominal.disturbed(o.moved);
-  const auto eye = eye_nominal.disturbed(o.moved);
-  const Pose<frame::Base, frame::Target> place(quat_exp(Vec3(0.1, -0.07, 0.6)), Vec3(1200, 40, 600));
-  const Pose<frame::Flange, frame::Target> held(quat_exp(Vec3(0.2, 0.1, 0.7)), Vec3(20, -15, 120));
-  if (!o.is_sensor_fixed) q.nominal = nominal;
+  const auto hand = kHand.disturbed(o.moved);
+  const auto eye = kEye.disturbed(o.moved);
+  const Pose<frame::Base, frame::Target> place(quat_exp(Vec3(0.1, -0.07, 0.6)), kPlace_mm);
+  if (!o.is_sensor_fixed) q.nominal = kHand;
   j.T_true = o.is_sensor_fixed ? Pose<frame::Flange, frame::Sensor>(eye.q, eye.p_mm) : hand;
   const double far = o.kind == TargetKind::ball ? 300 : 206;
   for (int k = 0; k < o.captures_count; ++k) {
-    Vec3 axis(r.normal(), r.normal(), r.normal());
-    if (o.is_one_axis) axis = Vec3(0, 0, 1);
-    const Vec3 w = axis.normalized() * r.uniform(-1, 1) * rad_from_deg(o.tilt_deg);
+    const Eigen::Quaterniond by = tilt(r, o.is_one_axis, o.tilt_deg);
     Eigen::Quaterniond look = quat_from_z(-Vec3::UnitZ(), Vec3::UnitX());
     if (o.kind == TargetKind::corner) look = quat_from_z(-Vec3(1, 1, 1), Vec3::UnitX());
-    const Eigen::Quaterniond turn = (look * quat_exp(w)).normalized();
+    const Eigen::Quaterniond turn = (look * by).normalized();
     const Pose<frame::Target, frame::Sensor> at(turn, middle - turn * Vec3(r.normal(0, o.field_mm), r.normal(0, o.field_mm), far + r.uniform(-o.depth_mm, o.depth_mm)));
-    const auto T_true = o.is_sensor_fixed ? eye * at.inverse() * held.inverse() : place * at * hand.inverse();
-    Vec6 e;
-    for (int i = 0; i < 3; ++i) e[i] = r.normal(0, o.robot_mm), e[3 + i] = r.normal(0, o.robot_rad);
+    const auto T_true = o.is_sensor_fixed ? eye * at.inverse() * kHeld.inverse() : place * at * hand.inverse();
+    const Vec6 e = arm_error(r, o.robot_mm, o.robot_rad);
     TargetCapture c;
     c.name = "capture " + std::to_string(k + 1);
     c.T_base_flange = T_true * Pose<frame::Flange, frame::Flange>().disturbed(e).inverse();
@@ -101,10 +95,8 @@ inline TrueJob make_job(const JobOptions& o) {
       for (int i = 0; i < 60; ++i) c.points_mm.emplace_back(s.x() + r.uniform(-90, 90), 0, s.z() + 60 + r.normal(0, o.noise));
     } else if (is_board) {
       for (std::size_t i = 0; i < points.size(); ++i) {
-        const Vec3 s = C.point(points[i]);
-        const double x = s.x() / s.z(), y = s.y() / s.z(), r2 = x * x + y * y, d = 1 + camera[4] * r2 + camera[5] * r2 * r2;
-        c.corners.push_back({static_cast<int>(i), Vec2(camera[0] * (x * d + 2 * camera[6] * x * y + camera[7] * (r2 + 2 * x * x)) + camera[2] + r.normal(0, o.noise),
-                                                       camera[1] * (y * d + camera[6] * (r2 + 2 * y * y) + 2 * camera[7] * x * y) + camera[3] + r.normal(0, o.noise))});
+        const Vec2 s = pixel_of(camera.data(), C.point(points[i]));
+        c.corners.push_back({static_cast<int>(i), Vec2(s.x() + r.normal(0, o.noise), s.y() + r.normal(0, o.noise))});
       }
       if (o.kind != TargetKind::charuco && k % 3 == 1)  // a detector that began at the other end
         for (ImagePoint& p : c.corners) p.id = static_cast<int>(points.size()) - 1 - p.id;

@@ -10,6 +10,34 @@
 
 namespace asbuilt::testing_calibrate {
 
+/// Where the sensor and the target are: `hand` and `place` of a sensor on the flange, `eye` and `held` of a fixed one.
+inline const Pose<frame::Flange, frame::Sensor> kHand(quat_exp(Vec3(0.3, -0.5, 1.4)), Vec3(80, -30, 150));
+inline const Pose<frame::Base, frame::Sensor> kEye(quat_exp(Vec3(2.6, 0.3, -0.4)), Vec3(1300, 200, 900));
+inline const Pose<frame::Flange, frame::Target> kHeld(quat_exp(Vec3(0.2, 0.1, 0.7)), Vec3(20, -15, 120));
+inline const Vec3 kPlace_mm(1200, 40, 600);
+
+/// A turn about any axis, or about z alone, up to the tilt either way.
+inline Eigen::Quaterniond tilt(Random& r, bool is_one_axis, double tilt_deg) {
+  Vec3 axis(r.normal(), r.normal(), r.normal());
+  if (is_one_axis) axis = Vec3(0, 0, 1);
+  return quat_exp(axis.normalized() * r.uniform(-1, 1) * rad_from_deg(tilt_deg));
+}
+
+/// The arm's error: true = commanded.disturbed(error).
+inline Vec6 arm_error(Random& r, double mm, double rad) {
+  Vec6 e;
+  for (int i = 0; i < 3; ++i) e[i] = r.normal(0, mm), e[3 + i] = r.normal(0, rad);
+  return e;
+}
+
+/// Where a point is seen: fx fy cx cy k1 k2 p1 p2.
+inline Vec2 pixel_of(const double* camera, const Vec3& p_sensor) {
+  const double x = p_sensor.x() / p_sensor.z(), y = p_sensor.y() / p_sensor.z(), r2 = x * x + y * y;
+  const double d = 1 + camera[4] * r2 + camera[5] * r2 * r2;
+  return {camera[0] * (x * d + 2 * camera[6] * x * y + camera[7] * (r2 + 2 * x * x)) + camera[2],
+          camera[1] * (y * d + camera[6] * (r2 + 2 * y * y) + 2 * camera[7] * x * y) + camera[3]};
+}
+
 struct RigOptions {
   std::uint64_t seed = 1;
   int views_count = 27;
@@ -55,26 +83,19 @@ inline Rig make_rig(const RigOptions& o) {
   if (o.sight == Sight::sphere) t.sensor[kRadius] = o.radius_mm, g.network.is_target_free = {true, true, true, false, false, false};
   Vec3 middle = Vec3::Zero();
   for (const Vec3& p : points) middle += p / static_cast<double>(points.size());
-  const Pose<frame::Flange, frame::Sensor> hand(quat_exp(Vec3(0.3, -0.5, 1.4)), Vec3(80, -30, 150));
-  const Pose<frame::Base, frame::Target> place(quat_exp(Vec3(r.normal(0, 0.1), r.normal(0, 0.1), r.normal())), Vec3(1200, 40, 600));
-  const Pose<frame::Base, frame::Sensor> eye(quat_exp(Vec3(2.6, 0.3, -0.4)), Vec3(1300, 200, 900));
-  const Pose<frame::Flange, frame::Target> held(quat_exp(Vec3(0.2, 0.1, 0.7)), Vec3(20, -15, 120));
-  if (o.is_sensor_fixed) t.T_mount_sensor = {eye.q, eye.p_mm}, t.T_place_target = {held.q, held.p_mm};
-  else t.T_mount_sensor = {hand.q, hand.p_mm}, t.T_place_target = {place.q, place.p_mm};
+  const Pose<frame::Base, frame::Target> place(quat_exp(Vec3(r.normal(0, 0.1), r.normal(0, 0.1), r.normal())), kPlace_mm);
+  if (o.is_sensor_fixed) t.T_mount_sensor = {kEye.q, kEye.p_mm}, t.T_place_target = {kHeld.q, kHeld.p_mm};
+  else t.T_mount_sensor = {kHand.q, kHand.p_mm}, t.T_place_target = {place.q, place.p_mm};
   for (int k = 0; k < o.views_count; ++k) {
-    Vec3 axis(r.normal(), r.normal(), r.normal());
-    if (o.is_one_axis) axis = Vec3(0, 0, 1);
-    const Vec3 w = axis.normalized() * r.uniform(-1, 1) * rad_from_deg(o.tilt_deg);
     // the sensor looks at the target from 206 mm
-    const Eigen::Quaterniond q = (quat_from_z(-Vec3::UnitZ(), Vec3::UnitX()) * quat_exp(w)).normalized();
+    const Eigen::Quaterniond turn = tilt(r, o.is_one_axis, o.tilt_deg);
+    const Eigen::Quaterniond q = (quat_from_z(-Vec3::UnitZ(), Vec3::UnitX()) * turn).normalized();
     const Vec3 c = o.sight == Sight::sphere ? Vec3(0, 0, 0) : middle;
     const Pose<frame::Target, frame::Sensor> at(q, c - q * Vec3(r.normal(0, 6), r.normal(0, 6), 206 + r.uniform(-25, 25)));
-    const auto T_true = o.is_sensor_fixed ? eye * at.inverse() * held.inverse() : place * at * hand.inverse();
-    Vec6 e;
-    for (int i = 0; i < 3; ++i) e[i] = r.normal(0, o.robot_mm), e[3 + i] = r.normal(0, o.robot_rad);
+    const auto T_true = o.is_sensor_fixed ? kEye * at.inverse() * kHeld.inverse() : place * at * kHand.inverse();
+    const Vec6 e = arm_error(r, o.robot_mm, o.robot_rad);
     NetworkView v;
     v.name = "view " + std::to_string(k + 1);
-    // true = commanded.disturbed(error)
     v.T_base_flange = T_true * Pose<frame::Flange, frame::Flange>().disturbed(e).inverse();
     const auto C = at.inverse();
     const auto noise = [&]() { return r.normal(0, o.noise_mm); };
@@ -83,12 +104,8 @@ inline Rig make_rig(const RigOptions& o) {
         if (o.drop_ball_every <= 0 || j != static_cast<std::size_t>(k % o.drop_ball_every)) v.observations.push_back({points[j], C.point(points[j]) + Vec3(noise(), noise(), noise()), static_cast<int>(j)});
     } else if (o.sight == Sight::pixel) {
       for (std::size_t j = 0; j < points.size(); ++j) {
-        const Vec3 s = C.point(points[j]);
-        const double x = s.x() / s.z(), y = s.y() / s.z(), r2 = x * x + y * y, d = 1 + t.sensor[kK1] * r2 + t.sensor[kK2] * r2 * r2;
-        v.observations.push_back({points[j],
-                                  Vec3(t.sensor[kFx] * (x * d + 2 * t.sensor[kP1] * x * y + t.sensor[kP2] * (r2 + 2 * x * x)) + t.sensor[kCx] + noise(),
-                                       t.sensor[kFy] * (y * d + t.sensor[kP1] * (r2 + 2 * y * y) + 2 * t.sensor[kP2] * x * y) + t.sensor[kCy] + noise(), 0),
-                                  static_cast<int>(j)});
+        const Vec2 s = pixel_of(&t.sensor[kFx], C.point(points[j]));
+        v.observations.push_back({points[j], Vec3(s.x() + noise(), s.y() + noise(), 0), static_cast<int>(j)});
       }
     } else if (o.sight == Sight::pose) {
       Vec6 z;
