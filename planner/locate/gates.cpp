@@ -17,7 +17,7 @@ constexpr double kOtherAngleRad = rad_from_deg(8.0), kOtherShiftMm = 8.0;  // hy
 constexpr double kSeeThroughMax = 0.10;
 // What a sound cell shows less often than this is taken for a fault: any of its pairs of captures (Bonferroni), a hand-eye. The hand-eyes' priors are rather too wide
 // and their probabilities lie near 1, so their limit is that of one test.
-constexpr double kPairsProbabilityMin = 0.02, kHandEyeProbabilityMin = 0.005;
+constexpr double kPairsProbabilityMin = 0.02, kHandEyeProbabilityMin = 0.02;
 constexpr double kInformationMin = 10.0;        // of the data against the play, else the play decides
 constexpr std::size_t kRaysMin = 50, kCellsMin = 60;
 
