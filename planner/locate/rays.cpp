@@ -10,7 +10,7 @@
 namespace asbuilt {
 namespace {
 
-constexpr double kInside = 0.9, kFront = 0.09, kBehind = 0.01, kRangeMm = 150.0;  // shares of a reading, and its width
+constexpr double kInside = 0.9, kFront = 0.09, kRangeMm = 150.0;  // shares of a reading, and its width
 
 enum class RayEnd { outside, known, on, front, behind };
 
@@ -25,20 +25,21 @@ struct RayReading {
 
 class RayLooker {
  public:
-  RayLooker(const CadModel& cad, const Scene& scene, const std::vector<Vec3>& sensor_base, const Pose<frame::Base, frame::Part>& T_base_part)
-      : cad_(cad), scene_(scene), sensor_base_(sensor_base), inverse_(T_base_part.inverse()), R_(inverse_.rotation()), box_(cad.brep->mesh.box()) {}
+  RayLooker(const CadModel& cad, const Scene& scene, const std::vector<Vec3>& sensor_base, const Pose<frame::Base, frame::Part>& T_base_part, const RayRules& rules)
+      : cad_(cad), scene_(scene), sensor_base_(sensor_base), rules_(rules), inverse_(T_base_part.inverse()), R_(inverse_.rotation()), box_(cad.brep->mesh.box()) {}
 
   RayReading look(std::size_t i) const {
     const ScenePoint& s = scene_.rays[i];
     const Vec3 p = R_ * s.p_base + inverse_.p_mm, o = R_ * sensor_base_[static_cast<std::size_t>(s.capture)] + inverse_.p_mm;
-    const double sigma = std::max(3 * s.sigma_mm, 1.0), range = (p - o).norm();
+    const double sigma = std::max(3 * s.sigma_mm, rules_.form_mm), range = (p - o).norm();
     const Vec3 d = (p - o) / range;
     RayReading out;
     out.distance_mm = cad_.grid.distance(p);
     out.place_part = p, out.way_part = d;
     const auto hit = comes_near(o, d) ? cad_.query.first_hit(o, d) : std::nullopt;
     const double hidden = hit ? range - hit->distance_mm : 0.0;
-    if (out.distance_mm < 4 * sigma && (!s.is_known || hidden > -4 * sigma)) {  // on the surface, unless hidden behind another one
+    const bool is_near = out.distance_mm < 4 * sigma && (!rules_.has_normals || is_along(R_ * s.n_base, p, hit));
+    if (is_near && (!s.is_known || hidden > -4 * sigma)) {  // on the surface, unless hidden behind another one
       if (hidden > 4 * sigma + 6.0) return behind(out, o + hit->distance_mm * d);
       const double u = out.distance_mm / sigma;
       out.end = RayEnd::on;
@@ -56,8 +57,8 @@ class RayLooker {
   }
 
  private:
-  static RayReading behind(RayReading out, const Vec3& place) {
-    out.end = RayEnd::behind, out.log_likelihood = std::log(kBehind / kRangeMm), out.place_part = place;
+  RayReading behind(RayReading out, const Vec3& place) const {
+    out.end = RayEnd::behind, out.log_likelihood = std::log(rules_.behind_ratio / kRangeMm), out.place_part = place;
     return out;
   }
 
@@ -74,9 +75,19 @@ class RayLooker {
     return enter <= leave;
   }
 
+  /// Whether the reading's own normal is that of the surface beside it, or of the one that its ray should meet.
+  bool is_along(const Vec3& n_part, const Vec3& p, const std::optional<MeshHit>& hit) const {
+    constexpr double kAlong = 0.85;
+    if (n_part.squaredNorm() < 0.5) return true;
+    if (hit && n_part.dot(cad_.brep->mesh.triangle_normal(hit->triangle)) > kAlong) return true;
+    const auto foot = cad_.grid.closest(p);
+    return foot && n_part.dot(foot->n) > kAlong;
+  }
+
   const CadModel& cad_;
   const Scene& scene_;
   const std::vector<Vec3>& sensor_base_;
+  RayRules rules_;
   Pose<frame::Part, frame::Base> inverse_;
   Mat3 R_;
   Box3 box_;
@@ -86,7 +97,7 @@ class RayLooker {
 
 void look_along_rays(const CadModel& cad, const Scene& scene, const std::vector<Vec3>& sensor_base, std::size_t rays_max, Candidate& candidate) {
   constexpr double kCorrelation = 6.0;  // neighbours that tell the same
-  const RayLooker looker(cad, scene, sensor_base, candidate.T_base_part);
+  const RayLooker looker(cad, scene, sensor_base, candidate.T_base_part, {});
   const std::size_t stride = std::max<std::size_t>(1, scene.rays.size() / std::max<std::size_t>(1, rays_max));
   double sum = 0;
   std::size_t on = 0, front = 0, behind = 0;
@@ -101,14 +112,15 @@ void look_along_rays(const CadModel& cad, const Scene& scene, const std::vector<
   candidate.see_through_ratio = candidate.rays_count > 0 ? static_cast<double>(behind) / static_cast<double>(candidate.rays_count) : 0.0;
 }
 
-double preference(const CadModel& cad, const Scene& scene, const std::vector<Vec3>& sensor_base, const Candidate& a, const Candidate& b) {
-  constexpr double kPlaceMm = 8.0, kOtherDistanceMm = 1.5, kMost = 6.0, kDepthMm = 0.5;
-  const RayLooker look_a(cad, scene, sensor_base, a.T_base_part), look_b(cad, scene, sensor_base, b.T_base_part);
+double preference(const CadModel& cad, const Scene& scene, const std::vector<Vec3>& sensor_base, const Candidate& a, const Candidate& b,
+                  const RayRules& rules) {
+  constexpr double kPlaceMm = 8.0, kOtherDistanceMm = 1.5, kMost = 6.0;
+  const RayLooker look_a(cad, scene, sensor_base, a.T_base_part, rules), look_b(cad, scene, sensor_base, b.T_base_part, rules);
   // A ray that only scrapes the part would pass it if the part were a little smaller: that says nothing about the place.
   const auto is_grazing = [&](const RayReading& r) {
     if (r.end != RayEnd::behind) return false;
     const auto out = cad.query.first_hit(r.place_part + 0.05 * r.way_part, r.way_part);
-    return !out || cad.query.closest(r.place_part + 0.5 * out->distance_mm * r.way_part).distance_mm < kDepthMm;
+    return !out || cad.query.closest(r.place_part + 0.5 * out->distance_mm * r.way_part).distance_mm < rules.grazing_mm;
   };
   const std::size_t count = scene.rays.size();
   std::vector<std::pair<std::uint64_t, double>> votes(count);

@@ -16,7 +16,10 @@ namespace {
 constexpr int kFreeRotations = 2000;
 constexpr std::size_t kVoters = 60, kShifts = 3, kDescents = 400;
 constexpr std::size_t kRaysRough = 1500, kRaysFine = 8000, kFineHypotheses = 12, kLookedAt = 60;
-constexpr double kCloseMargin = 40.0;  // of a log-likelihood by kRaysFine rays
+constexpr double kCloseMargin = 40.0, kCloseMarginAnywhere = 120.0;  // of a log-likelihood by kRaysFine rays
+// Where any place is allowed, material that the drawing lacks may look like some face of it: it has to lie on the drawing closely and
+// along it, and a look through the drawing is hardly forgiven.
+constexpr RayRules kAnywhere{0.7, true, 3e-4, 0.7};
 
 Descent descent_of(const CadModel& cad, const Scene& scene, const FixtureSpec& fixture) {
   const bool is_held = !is_free(fixture) || fixture.play_mm.maxCoeff() < 0.5 * cad.size_mm;
@@ -193,13 +196,15 @@ std::vector<Candidate> find_candidates(const CadModel& cad, const Scene& scene, 
   }
   for_all(all, [&](Candidate& c) { look_along_rays(cad, scene, sensor_base, kRaysFine, c); });
   std::stable_sort(all.begin(), all.end(), by_likelihood);
+  const RayRules rules = is_free(fixture) ? kAnywhere : RayRules{};
+  const double close_margin = is_free(fixture) ? kCloseMarginAnywhere : kCloseMargin;
   // What is close to the best by a sample of the rays is compared with it by all of them.
-  const auto is_close = [&](const Candidate& c) { return all.front().log_likelihood - c.log_likelihood < kCloseMargin; };
+  const auto is_close = [&](const Candidate& c) { return all.front().log_likelihood - c.log_likelihood < close_margin; };
   for (std::size_t i = 1; i < all.size() && is_close(all[i]); ++i)
-    if (preference(cad, scene, sensor_base, all.front(), all[i]) < 0) std::swap(all.front(), all[i]);
+    if (preference(cad, scene, sensor_base, all.front(), all[i], rules) < 0) std::swap(all.front(), all[i]);
   for (std::size_t i = 1; i < all.size(); ++i)
-    if (std::abs(all.front().log_likelihood - all[i].log_likelihood) < kCloseMargin)
-      all[i].log_likelihood = all.front().log_likelihood - preference(cad, scene, sensor_base, all.front(), all[i]);
+    if (std::abs(all.front().log_likelihood - all[i].log_likelihood) < close_margin)
+      all[i].log_likelihood = all.front().log_likelihood - preference(cad, scene, sensor_base, all.front(), all[i], rules);
   std::stable_sort(all.begin() + (all.empty() ? 0 : 1), all.end(), by_likelihood);
   return all;
 }

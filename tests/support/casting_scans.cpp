@@ -187,6 +187,55 @@ std::vector<Part> parts() {
   return all;
 }
 
+std::vector<Part> drawn_parts(std::uint64_t seed) {
+  Random random = Random::stream(seed, "casting parts");
+  const auto u = [&](double low, double high) { return random.uniform(low, high); };
+  std::vector<Part> all(4);
+  {  // a stepped outline with a block, a round boss and a rib, each where it falls
+    Part& p = all[0];
+    p.name = "asymmetric-" + std::to_string(seed);
+    const double a = u(70, 105), b = u(35, 55), h = u(22, 38), cut = u(0.3, 0.6) * a, step = u(12, 28);
+    extrude({{-a, -b}, {a, -b}, {a, b - step}, {a - cut, b - step}, {a - cut, b + u(8, 20)}, {-0.3 * a, b + u(0, 6)}, {-a, 0.4 * b}}, 0, h, true, p.drawing);
+    const double x = u(-0.8, -0.4) * a, y = u(-0.6, -0.2) * b;
+    extrude(box(x - u(10, 22), y - u(8, 15), x + u(10, 22), y + u(8, 15)), h, h + u(15, 35), false, p.drawing);
+    extrude(circle(u(0.1, 0.3) * a, u(-0.4, 0.0) * b, u(12, 20)), h, h + u(10, 22), false, p.drawing);
+    extrude(box(0.55 * a, -0.8 * b, 0.55 * a + u(6, 10), -0.1 * b), h, h + u(8, 16), false, p.drawing);
+    p.parting_z_mm = 0.5 * h, p.risers = {{{0.8 * a, -0.4 * b, h, u(8, 13)}}};
+  }
+  {  // a housing
+    Part& p = all[1];
+    p.name = "housing-" + std::to_string(seed);
+    const double a = u(75, 100), b = u(48, 68), h = u(42, 65), r = u(24, 34), top = h + u(18, 30);
+    extrude(box(-a, -b, a, b), 0, h, true, p.drawing);
+    extrude(circle(-0.5 * a, u(-8, 8), r), h, top, false, p.drawing);
+    extrude(circle(u(0.45, 0.65) * a, u(0.25, 0.45) * b, u(14, 22)), h, h + u(10, 20), false, p.drawing);
+    extrude(box(0.25 * a, -0.85 * b, 0.85 * a, -0.4 * b), h, h + u(7, 14), false, p.drawing);
+    extrude(box(a, u(-30, -18), a + u(12, 22), u(0, 12)), 8, h - 8, true, p.drawing);
+    p.parting_z_mm = 0.5 * h, p.risers = {{{0, 0.6 * b, h, u(14, 20)}}, {{-0.5 * a, 0, top, 0.5 * r}}};
+  }
+  {  // a plate with two equal bosses, one small block keeps it from being symmetric
+    Part& p = all[2];
+    p.name = "near-symmetric-" + std::to_string(seed);
+    const double a = u(68, 92), b = u(42, 58), h = u(20, 30), r = u(17, 24), up = h + u(18, 30), side = u(8, 12), y = u(0.5, 0.65) * b;
+    extrude(box(-a, -b, a, b), 0, h, true, p.drawing);
+    for (const double x : {-0.62 * a, 0.62 * a}) extrude(circle(x, 0, r), h, up, false, p.drawing);
+    extrude(box(-side, y - side, side, y + side), h, h + u(12, 18), false, p.drawing);
+    p.parting_z_mm = 0.5 * h, p.risers = {{{0, -0.5 * b, h, u(10, 15)}}};
+  }
+  {  // a flange of three to six bolts with one block at its side
+    Part& p = all[3];
+    p.name = "flange-" + std::to_string(seed);
+    const int bolts = 3 + static_cast<int>(random.below(4));
+    const double r = u(65, 85), h = u(16, 25), hub = u(26, 36), top = h + u(30, 45), turn = u(0, kPi);
+    extrude(circle(0, 0, r, 72), 0, h, true, p.drawing), extrude(circle(0, 0, hub), h, top, false, p.drawing);
+    for (int i = 0; i < bolts; ++i)
+      extrude(circle(0.5 * (r + hub) * std::cos(turn + 2 * kPi * i / bolts), 0.5 * (r + hub) * std::sin(turn + 2 * kPi * i / bolts), 0.3 * (r - hub)), h, h + u(6, 10), false, p.drawing);
+    extrude(box(r - 7, -u(12, 17), r + u(14, 22), u(12, 17)), 2, h - 2, true, p.drawing);
+    p.parting_z_mm = 0.5 * h, p.risers = {{{0, 0, top, 0.5 * hub}}};
+  }
+  return all;
+}
+
 std::vector<View> views(std::uint64_t seed, double distance_mm) {
   Random random = Random::stream(seed, "casting views");
   std::vector<View> out;

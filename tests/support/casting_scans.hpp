@@ -21,6 +21,8 @@ struct Part {
 /// An outline without symmetry; a housing with bosses; a plate that one boss keeps from being symmetric; a flange of four bolts
 /// with one boss at its side.
 std::vector<Part> parts();
+/// The same four kinds with sizes, places and counts drawn by seed.
+std::vector<Part> drawn_parts(std::uint64_t seed);
 
 struct View {
   Vec3 eye_part = Vec3::Zero();            // looks at the middle of the part
