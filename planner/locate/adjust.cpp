@@ -23,6 +23,10 @@ struct Stage {
 };
 const Stage kStages[] = {{1.0, {1.0, 0.5, 0.3}}, {0.6, {0.2, 0.1}}, {0.45, {0.05, 0.02}}, {0.45, {0.0, 0.0}}, {0.45, {0.0, 0.0}}, {0.45, {0.0, 0.0}}, {0.45, {0.0, 0.0}}};
 constexpr int kLearningStages = 4;  // sizes of the imperfections are held from here on
+constexpr double kStillMm = 0.003, kConvergedMm = 0.02;
+/// Where the part still moves after all stages (a direction that few cells hold, cells that come and go at the gate): more rounds, by
+/// halved steps from the second on.
+constexpr int kMoreRounds = 12;
 
 double robust_weight(double residual, double scale, double tuning) {
   const double u = residual / (tuning * scale);
@@ -126,11 +130,14 @@ class Adjustment {
         moved_by += step(slack);
         if (stage > 0 && stage < kLearningStages) learn_sizes();
       }
-      const double lever = 0.5 * cad_.size_mm;
-      s.step_mm = moved_by.head<3>().norm() + lever * moved_by.tail<3>().norm();
-      if (stage >= 3 && s.step_mm < 0.003) break;
+      s.step_mm = length_of(moved_by);
+      if (stage >= 3 && s.step_mm < kStillMm) break;
     }
-    out_.is_converged = s.step_mm < 0.02;
+    for (int round = 0; round < kMoreRounds && s.step_mm >= kConvergedMm; ++round) {
+      associate(std::max(0.5, kStages[stages - 1].gate_ratio * request_.gate_mm));
+      s.step_mm = length_of(step(0.0, round == 0 ? 1.0 : 0.5) + step(0.0, round == 0 ? 1.0 : 0.5));
+    }
+    out_.is_converged = s.step_mm < kConvergedMm;
     finish();
     return std::move(out_);
   }
@@ -321,20 +328,24 @@ class Adjustment {
     b_.tail(nf) = g_.tail(nf) + information.cwiseProduct(out_.state.faces);
   }
 
-  Vec6 step(double slack_mm) {
+  /// Of a motion at the part's corners.
+  double length_of(const Vec6& twist) const { return twist.head<3>().norm() + 0.5 * cad_.size_mm * twist.tail<3>().norm(); }
+
+  /// Takes a share of one Gauss-Newton step; gives the whole step's twist of the part.
+  Vec6 step(double slack_mm, double share = 1.0) {
     AdjustState& s = out_.state;
     reweigh(slack_mm);
     gather();
     carry_over();
     solver_.compute(A_);
-    const Eigen::VectorXd x = -solver_.solve(b_);
+    const Eigen::VectorXd x = -share * solver_.solve(b_);
     part_twist_ += x.head<6>();
     s.robot += x.segment(6, prior_.size);
     s.faces += x.tail(kFace * faces_);
     // The pose takes the twist at once; what the cells were associated at stays, so their part twist is kept beside it.
     const Pose<frame::Base, frame::Base> motion = pose_of_twist(x.head<6>(), prior_.center_base);
     s.T_base_part = motion * s.T_base_part;
-    return x.head<6>();
+    return x.head<6>() / share;
   }
 
   void learn_sizes() {
