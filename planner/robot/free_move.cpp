@@ -45,6 +45,8 @@ class FixedSampler : public ob::StateSampler {
     space_->enforceBounds(state);
   }
 
+  Random& random() { return random_; }
+
  private:
   Random random_;
 };
@@ -86,28 +88,46 @@ double length_of(const JointVector& a, const JointVector& b) {
   return std::sqrt(s);
 }
 
-/// Uniform in the box, turned down where the way over the state is longer than the best one. OMPL's own draws from a generator that is
-/// seeded once for the whole process.
+/// Uniform where the way over the state is shorter than the best one: in the box first, then in the ellipsoid about both ends itself
+/// [Gammell2014], which may be thousands of times smaller. Never says no: BIT* asks again until it has its batch, and its budget is not asked
+/// meanwhile. OMPL's own draws from a generator that is seeded once for the whole process.
 class FixedInformedSampler : public ob::InformedSampler {
  public:
   FixedInformedSampler(const ob::ProblemDefinitionPtr& problem, unsigned calls, const JointVector& a, const JointVector& b)
       : ob::InformedSampler(problem, calls), sampler_(space_.get()), a_(a), b_(b) {}
   bool sampleUniform(ob::State* state, const ob::Cost& most) override {
-    for (unsigned i = 0; i < numIters_; ++i) {
+    const auto is_shorter = [&] { return length_of(a_, joints_of(state)) + length_of(joints_of(state), b_) < most.value(); };
+    for (int i = 0; i < kDraws; ++i) {
       sampler_.sampleUniform(state);
-      if (length_of(a_, joints_of(state)) + length_of(joints_of(state), b_) < most.value()) return true;
+      if (is_shorter()) return true;
     }
-    return false;
+    const Eigen::Map<const Eigen::Matrix<double, 6, 1>> a(a_.data()), b(b_.data());
+    const double between = (b - a).norm(), across = 0.5 * std::sqrt(std::max(0.0, most.value() * most.value() - between * between));
+    const Eigen::Matrix<double, 6, 1> axis = between > 0 ? Eigen::Matrix<double, 6, 1>((b - a) / between) : Eigen::Matrix<double, 6, 1>::Unit(0);
+    const auto put = [&](const Eigen::Matrix<double, 6, 1>& q) {
+      for (unsigned i = 0; i < 6; ++i) (*state->as<Space::StateType>())[i] = q[i];
+    };
+    for (int i = 0; i < kDraws; ++i) {
+      Eigen::Matrix<double, 6, 1> u;
+      for (double& x : u) x = sampler_.random().normal();
+      u *= std::pow(sampler_.random().uniform(0, 1), 1.0 / 6) / std::max(1e-12, u.norm());  // uniform in the ball
+      const double along = axis.dot(u);
+      put(0.5 * (a + b) + across * (u - along * axis) + 0.5 * most.value() * along * axis);
+      if (space_->satisfiesBounds(state) && is_shorter()) return true;
+    }
+    put(a + sampler_.random().uniform(0, 1) * (b - a));  // hardly any room: on the straight way
+    return true;
   }
   bool sampleUniform(ob::State* state, const ob::Cost& least, const ob::Cost& most) override {
-    for (unsigned i = 0; i < numIters_; ++i)
+    for (int i = 0; i < kDraws; ++i)
       if (sampleUniform(state, most) && length_of(a_, joints_of(state)) + length_of(joints_of(state), b_) >= least.value()) return true;
-    return false;
+    return true;  // inside, if not outside the inner one
   }
   bool hasInformedMeasure() const override { return false; }
   double getInformedMeasure(const ob::Cost&) const override { return space_->getMeasure(); }
 
  private:
+  static constexpr int kDraws = 100;
   FixedSampler sampler_;
   JointVector a_, b_;
 };
