@@ -120,7 +120,8 @@ Result<Done<Burrs>> measure_burrs(const BurrRecipe& recipe, const Job& job, cons
       // Absence counts as seen only where a burr of 0.15 mm over 3 mm would have been hit.
       const bool is_hidden = !std::isfinite(lean[i]) && least[i] * 0.15 * 3 < 2;  // a fin leaning just so would have been missed
       const bool is_none = !is_hidden && posterior.none_ratio[i] > 0.7 && coverage[i] >= recipe.coverage_min_ratio && density[i] * 0.15 * 3 > 2;
-      const double h = is_none ? 0.0 : posterior.mean_mm[i];
+      // Where little was seen the posterior has a long tail of tall burrs, which the mean follows.
+      const double h = is_none ? 0.0 : posterior.median_mm[i];
       burr.height_mm.push_back(is_seen ? h : kNan);
       burr.height_sd_mm.push_back(is_seen ? std::hypot(posterior.sd_mm[i], found.shared_sd_mm[i]) : kNan);
       // What cannot be ruled out: where the flank was sampled well, what the samples make likely and no less than the tallest one

@@ -190,7 +190,7 @@ void settle(const Work& w, const ChainOptions& chain, int rounds, Found& f) {
   }
 }
 
-Found run_chain(const Work& w, const std::vector<char>& use, const std::vector<double>& zero_sd, bool is_last, ChainOptions& chain) {
+Found run_chain(const Work& w, const std::vector<char>& use, const std::vector<double>& zero_sd, const Found* before, ChainOptions& chain) {
   Found f;
   const std::size_t count = w.edge.s_mm.size();
   const std::vector<SectionPoint> points = points_of(w, use);
@@ -207,8 +207,8 @@ Found run_chain(const Work& w, const std::vector<char>& use, const std::vector<d
     heights[i] = std::max(heights[i], static_cast<double>(p.out_mm())), hits[i] += 1;
   }
   chain.height_max_mm = std::max({1.0, 1.5 * w.options.limit_mm, 1.3 * tallest + 0.2});
-  f.hits = std::move(hits), f.heights = std::move(heights);
-  settle(w, chain, is_last ? 3 : 2, f);
+  f.hits = std::move(hits), f.heights = before ? before->heights : std::move(heights);
+  settle(w, chain, before ? 1 : 3, f);
   return f;
 }
 
@@ -218,16 +218,21 @@ struct Zero {
 
 constexpr double kClearly_rad = 0.1;
 
-/// Whether a fin leaning by `lean` may stand out farther over face `side` than over the other.
+/// Whether a fin leaning by `lean` stands out farther over face `side` than over the other, or may.
 bool may_tell(double lean, int side) {
-  return !std::isfinite(lean) || (side == 0 ? lean < kPi / 4 + kClearly_rad : lean > kPi / 4 - kClearly_rad);
+  return !std::isfinite(lean) || (side == 0 ? lean < kPi / 4 : lean > kPi / 4);
 }
 
-/// The zero of one capture over face `side`, from its samples under the heights that the others found. Fin and, below it, the other
+/// The zero of captures over face `side`, common to them and on top of what is already taken off, from their samples under the heights
+/// that the others found. `before`: what is taken off already, by capture; `doubt`: 1 sd of the whole, by capture. Fin and, below it, the other
 /// face are hit up to the crest, alike; so only where it ends decides. Stations whose fin stands out over the other face tell nothing.
-Zero find_zero(const Work& w, const Found& others, const ChainOptions& chain, std::size_t capture, int side, double doubt_mm) {
+Zero find_zero(const Work& w, const Found& others, const ChainOptions& chain, const std::vector<std::size_t>& group, int side,
+               const std::vector<double>& before, const std::vector<double>& doubt) {
   constexpr std::size_t kPointsMost = 300;
   const std::size_t count = w.edge.s_mm.size();
+  double doubt_mm = 0;
+  std::vector<char> use(w.glances.size(), 0);
+  for (const std::size_t k : group) use[k] = 1, doubt_mm = std::max(doubt_mm, doubt[k]);
   const double lowest = w.options.threshold_mm - 2 * doubt_mm;
   std::vector<char> tells(count, 0);
   for (std::size_t i = 0; i < count; ++i) {
@@ -237,11 +242,9 @@ Zero find_zero(const Work& w, const Found& others, const ChainOptions& chain, st
   const auto height = [&](const SectionPoint& p) { return static_cast<double>(side == 0 ? p.f_1_mm : p.f_2_mm); };
   std::vector<SectionPoint> points;
   for (const SectionPoint& p : w.section.proud)
-    if (p.capture == static_cast<int>(capture) && height(p) > lowest && tells[w.station(p.s_mm)]) points.push_back(p);
+    if (use[static_cast<std::size_t>(p.capture)] && height(p) > lowest && tells[w.station(p.s_mm)]) points.push_back(p);
   if (points.size() < 5) return {0, doubt_mm};
   const std::size_t every = points.size() / kPointsMost + 1;
-  std::vector<char> use(w.glances.size(), 0);
-  use[capture] = 1;
   const Outlook outlook = outlook_of(w, use, others.lean);
   std::vector<double> density(count, 0);
   for (std::size_t i = 0; i < count; ++i)
@@ -249,6 +252,8 @@ Zero find_zero(const Work& w, const Found& others, const ChainOptions& chain, st
   const std::vector<double> grid = height_grid(chain.height_max_mm);
   const Emission seen = emission_of(chain, grid, w.edge.s_mm, others.samples, others.density);
   const auto likelihood = [&](double zero) {
+    double prior = 0;
+    for (const std::size_t k : group) prior -= 0.5 * (before[k] + zero) * (before[k] + zero) / (doubt[k] * doubt[k]);
     std::vector<HeightSample> samples;
     for (std::size_t i = 0; i < points.size(); i += every) {
       SectionPoint p = points[i];
@@ -260,12 +265,12 @@ Zero find_zero(const Work& w, const Found& others, const ChainOptions& chain, st
     shifted.threshold_mm = lowest - zero;
     Emission e = emission_of(shifted, grid, w.edge.s_mm, samples, density);
     e.clear += seen.clear, e.dim += seen.dim;
-    return log_evidence(chain, grid, w.edge.s_mm, e, false, others.outlook.dim_share) - 0.5 * zero * zero / (doubt_mm * doubt_mm);
+    return log_evidence(chain, grid, w.edge.s_mm, e, false, others.outlook.dim_share) + prior;
   };
   Zero best{0, doubt_mm};
   double middle = 0, half = 3 * doubt_mm;
   for (int pass = 0; pass < 2; ++pass) {
-    constexpr int kSteps = 12;
+    constexpr int kSteps = 6;
     std::vector<double> value;
     for (int k = -kSteps; k <= kSteps; ++k) value.push_back(likelihood(middle + half * k / kSteps));
     const double most = *std::max_element(value.begin(), value.end());
@@ -313,26 +318,46 @@ EdgeHeights find_heights(const HeightOptions& options, const MeasuredCloud& clou
   if (waiting.size() > 0 && std::find(use.begin(), use.end(), 1) == use.end()) use[waiting.front()] = 1, waiting.erase(waiting.begin());
 
   ChainOptions chain = w.chain;
-  Found found = run_chain(w, use, zero_sd, waiting.empty(), chain);
-  for (const std::size_t k : waiting) {
-    if (zero_sd[2 * k] > 0 && zero_sd[2 * k + 1] > 0) continue;  // it sees neither face
-    if (!has_points[k]) {
-      use[k] = 1;
-      continue;
-    }
-    const int side = zero_sd[2 * k] > 0 ? 0 : 1;
-    const Zero zero = find_zero(w, found, chain, k, side, doubt(k));
+  Found found = run_chain(w, use, zero_sd, nullptr, chain);
+  std::vector<double> doubts(captures, 0), zeros(captures, 0);
+  std::vector<std::size_t> told[2];
+  const auto take_off = [&](std::size_t k, int side, double zero, bool is_first) {
     for (SectionPoint& p : section.proud) {
       if (p.capture != static_cast<int>(k)) continue;
       float& over = side == 0 ? p.f_1_mm : p.f_2_mm;
       const float other = side == 0 ? p.f_2_mm : p.f_1_mm;
-      over -= static_cast<float>(zero.at_mm);
-      if (!may_tell(found.lean[w.station(p.s_mm)], side)) over = std::min(over, other);  // what it saw itself decides
+      const bool may = may_tell(found.lean[w.station(p.s_mm)], side);
+      if (may || is_first) over -= static_cast<float>(zero);
+      if (!may) over = std::min(over, other);  // what it saw itself decides
     }
-    zero_sd[2 * k + static_cast<std::size_t>(side)] = zero.sd_mm;
+    zeros[k] += zero;
+  };
+  const Found known = found;
+  const ChainOptions chain_known = chain;
+  const bool has_known = std::any_of(known.samples.begin(), known.samples.end(), [](const HeightSample& p) { return p.inlier_ratio > 0.3; });
+  for (const std::size_t k : waiting) {
+    if (zero_sd[2 * k] > 0 && zero_sd[2 * k + 1] > 0) continue;  // it sees neither face
     use[k] = 1;
-    found = run_chain(w, use, zero_sd, k == waiting.back(), chain);
+    if (!has_points[k]) continue;
+    const int side = zero_sd[2 * k] > 0 ? 0 : 1;
+    doubts[k] = doubt(k);
+    const Zero zero = find_zero(w, found, chain, {k}, side, zeros, doubts);
+    take_off(k, side, zero.at_mm, true);
+    if (zero.sd_mm < 0.9 * doubts[k]) told[side].push_back(k);
+    zero_sd[2 * k + static_cast<std::size_t>(side)] = zero.sd_mm;
+    found = run_chain(w, use, zero_sd, &found, chain);
   }
+  // One after the other they follow the first; all together they are held by all their priors.
+  for (int side = 0; side < 2 && has_known; ++side) {
+    if (told[side].size() < 2) continue;
+    const Zero common = find_zero(w, known, chain_known, told[side], side, zeros, doubts);
+    for (const std::size_t k : told[side]) {
+      take_off(k, side, common.at_mm, false);
+      double& sd = zero_sd[2 * k + static_cast<std::size_t>(side)];
+      sd = std::max(sd, common.sd_mm);
+    }
+  }
+  if (!waiting.empty()) found = run_chain(w, use, zero_sd, nullptr, chain);
   // How rough the burr is along the edge the samples themselves say; without clear evidence it is taken as smooth.
   // Just so whether its crest is hit more densely than its flank.
   constexpr double kClear = 3;

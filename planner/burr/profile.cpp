@@ -233,15 +233,19 @@ ChainPosterior height_profile(const ChainOptions& o, const std::vector<double>& 
   ChainPosterior out;
   out.log_evidence = passes.log_evidence;
   for (Eigen::Index j = 0; j < marginal.cols(); ++j) {
-    double mean = 0, square = 0, none = 0, sum = 0, upper = h.back();
+    double mean = 0, square = 0, none = 0, sum = 0, upper = h.back(), middle = 0;
+    bool has_middle = false;
     bool has_upper = false;
     for (std::size_t i = 0; i < h.size(); ++i) {
       const double p = marginal(static_cast<Eigen::Index>(i), j);
+      if (!has_middle && sum + p >= 0.5) {
+        middle = i > 0 ? h[i - 1] + (h[i] - h[i - 1]) * std::clamp((0.5 - sum) / std::max(p, 1e-12) + 0.5, 0.0, 1.0) : 0.0, has_middle = true;
+      }
       mean += p * h[i], square += p * h[i] * h[i], sum += p;
       if (h[i] <= o.threshold_mm) none += p;
       if (!has_upper && sum >= 0.975) upper = h[i], has_upper = true;
     }
-    out.mean_mm.push_back(mean), out.sd_mm.push_back(std::sqrt(std::max(0.0, square - mean * mean)));
+    out.mean_mm.push_back(mean), out.median_mm.push_back(middle), out.sd_mm.push_back(std::sqrt(std::max(0.0, square - mean * mean)));
     out.upper_mm.push_back(upper), out.none_ratio.push_back(none);
   }
   return out;

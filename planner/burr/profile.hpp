@@ -32,7 +32,7 @@ struct ChainOptions {
 };
 
 struct ChainPosterior {
-  std::vector<double> mean_mm, sd_mm, upper_mm;  // upper: 97.5 %
+  std::vector<double> mean_mm, median_mm, sd_mm, upper_mm;  // upper: 97.5 %
   double log_evidence = 0;                       // of the samples under the options: which of two options describes them better
   std::vector<double> none_ratio;                // probability that nothing stands above the threshold
 };

@@ -118,6 +118,41 @@ TEST(Burr, FinSeenEdgeOnIsBridgedAndNeverDenied) {
   }
 }
 
+/// One capture from outside sees both faces and the fin, one from inside the top and the fin's other flank; the second one is misplaced
+/// square to the side that it does not see.
+Burrs with_misplaced(double by_mm, double lean) {
+  const Fin fin{.height = [](double s) { return 0.4 + 0.1 * std::sin(s / 6); }, .lean_rad = lean, .root_mm = 0.02};
+  Random random(21);
+  Scan outside = faces_of_edge_0(), inside;
+  inside.name = "inside", inside.from = kInside;
+  const Scan faces = faces_of_edge_0(kInside);
+  for (std::size_t i = 0; i < faces.p_part.size(); ++i)
+    if (faces.n_part[i].z() > 0.9 && faces.p_part[i].y() > 0.05) inside.p_part.push_back(faces.p_part[i]), inside.n_part.push_back(faces.n_part[i]);
+  add_fin(outside, fin, 0, 80, 0.2, random);
+  for (int k = 0; k < 3; ++k) add_fin(inside, fin, 0, 80, 0.2, random);
+  Measured m = measure({outside, inside}, some_place(), 22);
+  const Vec3 shift = m.location.T_base_part.direction(Vec3(0, -by_mm, 0));
+  for (std::size_t i = m.cloud.captures[1].begin; i < m.cloud.captures[1].end; ++i) m.cloud.p_base[i] += shift;
+  Mat6 doubt = Mat6::Zero();
+  doubt.diagonal().head<3>().setConstant(0.03 * 0.03);
+  m.location.corrections.resize(2), m.location.correction_covariances.assign(2, doubt);
+  return measured(job_of_edge_0(), m, plate_features({}));
+}
+
+TEST(Burr, ACaptureThatDoesNotSeeAFaceIsNotBelievedOverIt) {
+  for (const double lean : {0.5, 1.2}) {  // the fin stands out farther over the face that is seen, over the one that is not
+    const Burrs at_place = with_misplaced(0, lean), off = with_misplaced(0.06, lean);
+    double bias = 0, moved = 0;
+    int count = 0;
+    for (std::size_t i = 4; i + 4 < off.edges[0].height_mm.size(); ++i, ++count) {
+      bias += off.edges[0].height_mm[i] - (0.4 + 0.1 * std::sin(0.5 * static_cast<double>(i) / 6));
+      moved += off.edges[0].height_mm[i] - at_place.edges[0].height_mm[i];
+    }
+    EXPECT_LT(std::abs(bias / count), 0.02) << lean;
+    EXPECT_LT(std::abs(moved / count), 0.01) << lean;
+  }
+}
+
 TEST(Burr, OrderOfPointsAndPlaceOfTheCellDoNotMatter) {
   const Fin fin{.height = [](double s) { return 0.4 + 0.1 * std::sin(s / 5); }};
   Random random(8);

@@ -64,6 +64,44 @@ TEST(Profile, NoSamplesWhereTheEdgeIsNotSeenMeansNothing) {
   }
 }
 
+TEST(Profile, AbsenceOnAFlankThatIsPoorlySeenIsNoProof) {
+  Case c = draw(5, 0.4, 0.0, 40, 0.006);
+  std::erase_if(c.samples, [](const HeightSample& p) { return p.s_mm > 24 && p.s_mm < 36; });
+  std::vector<double> share(c.stations.size(), 0.05);
+  const ChainPosterior clear = height_profile({}, c.stations, c.samples, c.density, false, share);
+  for (std::size_t i = 48; i <= 72; ++i) c.density[i] = 4, share[i] = 0.9;  // what a grazing look promises
+  const ChainPosterior poor = height_profile({}, c.stations, c.samples, c.density, false, share);
+  EXPECT_GT(clear.none_ratio[60], 0.5);
+  EXPECT_LT(poor.none_ratio[60], 0.3);
+  EXPECT_NEAR(poor.median_mm[60], 0.4, 0.15);
+  EXPECT_GT(poor.sd_mm[60], 3 * poor.sd_mm[20]);
+}
+
+TEST(Profile, HitsThatGatherAtTheCrestLiftNothingWhereTheModelKnows) {
+  double bias_even = 0, bias_crest = 0, evidence = 0;
+  for (int trial = 0; trial < 4; ++trial) {
+    Case c = draw(40 + trial, 0.4, 0.1, 25, 0.006);
+    Random random(90 + trial);
+    for (std::size_t i = 0; i < c.stations.size(); ++i)  // 1.5 times more at the crest, falling off over 0.05 mm
+      for (int k = 0; k < static_cast<int>(25 * 1.5 * 0.05 * 0.5 + random.uniform()); ++k)
+        c.samples.push_back({c.stations[i], c.truth[i] + 0.05 * std::log(std::max(1e-3, random.uniform())) + 0.006 * random.normal(), 0.006, 0.97});
+    const ChainPosterior even = height_profile({.tip_mm = 0}, c.stations, c.samples, c.density, false);
+    const ChainPosterior crest = height_profile({.crest_ratio = 1.5, .crest_mm = 0.05, .tip_mm = 0}, c.stations, c.samples, c.density, false);
+    evidence += crest.log_evidence - even.log_evidence;
+    for (std::size_t i = 0; i < c.truth.size(); ++i) bias_even += even.mean_mm[i] - c.truth[i], bias_crest += crest.mean_mm[i] - c.truth[i];
+  }
+  EXPECT_GT(evidence, 3);
+  EXPECT_LT(std::abs(bias_crest), std::abs(bias_even));
+}
+
+TEST(Profile, TheForwardPassAloneGivesTheSameEvidence) {
+  const Case c = draw(6, 0.3, 0.1, 40, 0.006);
+  const ChainOptions o;
+  const auto grid = height_grid(o.height_max_mm);
+  const double forward = log_evidence(o, grid, c.stations, emission_of(o, grid, c.stations, c.samples, c.density), false, {});
+  EXPECT_NEAR(forward, height_profile(o, c.stations, c.samples, c.density, false).log_evidence, 1e-6);
+}
+
 TEST(Profile, OneStrayPointIsNoBurr) {
   Case c = draw(3, 0.3, 0.0, 60, 0.006);
   const ChainPosterior before = height_profile({}, c.stations, c.samples, c.density, false);
