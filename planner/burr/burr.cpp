@@ -18,13 +18,6 @@ namespace {
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
-double quantile(std::vector<double>& v, double q) {
-  if (v.empty()) return 0;
-  const std::size_t k = std::min(v.size() - 1, static_cast<std::size_t>(q * static_cast<double>(v.size())));
-  std::nth_element(v.begin(), v.begin() + static_cast<std::ptrdiff_t>(k), v.end());
-  return v[k];
-}
-
 std::size_t count_between(const std::vector<float>& sorted, double a, double b) {
   return static_cast<std::size_t>(std::lower_bound(sorted.begin(), sorted.end(), static_cast<float>(b)) -
                                   std::lower_bound(sorted.begin(), sorted.end(), static_cast<float>(a)));
@@ -126,7 +119,8 @@ Result<Done<Burrs>> measure_burrs(const BurrRecipe& recipe, const Job& job, cons
       burr.height_sd_mm.push_back(is_seen ? std::hypot(posterior.sd_mm[i], found.shared_sd_mm[i]) : kNan);
       // What cannot be ruled out: where the flank was sampled well, what the samples make likely and no less than the tallest one
       // within a millimetre; else all that the process knows of; but never more than the rays leave room for.
-      double likely = posterior.upper_mm[i];
+      // What the captures' zeros leave open moves all samples of a stretch together: the chain does not know of it.
+      double likely = h + std::hypot(std::max(0.0, posterior.upper_mm[i] - h), 1.96 * found.shared_sd_mm[i]);
       for (const HeightSample& p : found.samples)
         if (p.inlier_ratio > 0.3 && std::abs(p.s_mm - edge.s_mm[i]) < 1) likely = std::max(likely, p.height_mm);
       const bool is_sampled = is_seen && !is_hidden && density[i] * 0.15 * 3 > 2;
@@ -142,7 +136,7 @@ Result<Done<Burrs>> measure_burrs(const BurrRecipe& recipe, const Job& job, cons
       }
       burr.width_mm.push_back(is_seen ? width : kNan);
       burr.area_mm2.push_back(is_seen ? area : kNan);
-      if (is_seen && h > worst) worst = h, worst_s = edge.s_mm[i], worst_sd = posterior.sd_mm[i];
+      if (is_seen && h > worst) worst = h, worst_s = edge.s_mm[i], worst_sd = burr.height_sd_mm.back();
       none_sd.push_back(posterior.sd_mm[i]);
     }
     burr.detection_limit_mm = how.threshold_mm + 2 * quantile(none_sd, 0.25);

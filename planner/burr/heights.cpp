@@ -8,18 +8,18 @@
 
 namespace asbuilt::burring {
 
-namespace {
-
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
-constexpr double kPointSd_mm = 0.006;  // no point is better
-constexpr int kLooks = 13;             // leans tried where none was found
-
 double quantile(std::vector<double>& v, double q) {
   if (v.empty()) return 0;
   const std::size_t k = std::min(v.size() - 1, static_cast<std::size_t>(q * static_cast<double>(v.size())));
   std::nth_element(v.begin(), v.begin() + static_cast<std::ptrdiff_t>(k), v.end());
   return v[k];
 }
+
+namespace {
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kPointSd_mm = 0.006;  // no point is better
+constexpr int kLooks = 13;             // leans tried where none was found
 
 /// The direction in which the fin leans at each station (angle of (f_1, f_2)): where the proud points around it agree on one; else
 /// continued from where they do. NaN where they never do.

@@ -12,6 +12,9 @@
 
 namespace asbuilt::burring {
 
+/// Reorders v; 0 of an empty one.
+double quantile(std::vector<double>& v, double q);
+
 struct HeightOptions {
   double threshold_mm = 0.03;  // samples below are not reported
   double limit_mm = 0;         // tallest burr that the recipe removes: the grid of heights reaches beyond it

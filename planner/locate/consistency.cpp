@@ -77,7 +77,7 @@ double chi_square_tail(double x, double dof) {
   return front * h;
 }
 
-std::vector<HandEyeTest> hand_eye_tests(const RobotPrior& prior, const AdjustRequest&, const Adjusted& adjusted) {
+std::vector<HandEyeTest> hand_eye_tests(const RobotPrior& prior, const Adjusted& adjusted) {
   std::vector<HandEyeTest> out;
   for (std::size_t s = 0; s < prior.sensor_at.size(); ++s) {
     if (prior.sensor_at[s] < 0) continue;

@@ -21,11 +21,11 @@ struct HandEyeTest {
   /// minus posterior), and of all six numbers in units of the prior alone (which is larger than that).
   double p = 1;
   double strain_sd = 0;                                                // root mean square of the six numbers in prior sd
-  Vec3 shift_mm = Vec3::Zero(), shift_sd_mm = Vec3::Zero();            // what the data alone say, in base; 1 sd of the two together
+  Vec3 shift_mm = Vec3::Zero(), shift_sd_mm = Vec3::Zero();            // what the data alone say, in the sensor's frame; 1 sd of data and prior together
 };
 
 /// By sensor in use, ascending.
-std::vector<HandEyeTest> hand_eye_tests(const RobotPrior& prior, const AdjustRequest& request, const Adjusted& adjusted);
+std::vector<HandEyeTest> hand_eye_tests(const RobotPrior& prior, const Adjusted& adjusted);
 
 /// Two captures by the places they share: chi^2 of the six numbers of their relative motion.
 struct PairTest {

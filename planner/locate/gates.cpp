@@ -204,9 +204,9 @@ std::optional<Refusal> check_consistency(const Job& job, const MeasuredCloud& cl
   const auto name = [&](int k) { return k < 0 ? std::string("none") : cloud.captures[static_cast<std::size_t>(k)].name; };
   const auto sensor_of = [&](int k) { return cloud.captures[static_cast<std::size_t>(k)].sensor; };
   const auto once_in = [](double p) { return p < 1e-9 ? std::string("more than 1e9") : number(1 / p, 0); };
-  const std::string next = " See that the part was not moved between them; check the sensor's mount and the poses in the scan file, calibrate again, then scan again.";
+  const auto asked = [&](double limit) { return " (rarer than once in " + number(1 / limit, 0) + " is taken for a fault)."; };
   std::optional<HandEyeTest> off;
-  for (const HandEyeTest& t : hand_eye_tests(prior, request, adjusted))
+  for (const HandEyeTest& t : hand_eye_tests(prior, adjusted))
     if (t.p < kHandEyeProbabilityMin && (!off || t.p < off->p)) off = t;
   const PairTest* worst = nullptr;
   for (const PairTest& t : pairs)
@@ -224,7 +224,8 @@ std::optional<Refusal> check_consistency(const Job& job, const MeasuredCloud& cl
                    .message = apart + "The calibration of sensor " + job.cell.sensors[static_cast<std::size_t>(off->sensor)].id +
                               " does not fit the scans: by them alone its mount would be off by " + number(off->shift_mm[axis], 2) + " mm along " +
                               std::string(1, "xyz"[axis]) + " of its frame (1 sd " + number(off->shift_sd_mm[axis], 2) +
-                              " mm). A sound cell looks like this once in " + once_in(off->p) + " jobs." + next,
+                              " mm). A sound cell looks like this once in " + once_in(off->p) + " jobs" + asked(kHandEyeProbabilityMin) +
+                              " Check the sensor's mount and the poses in the scan file, calibrate the sensor again, then scan again.",
                    .measured = off->p,
                    .limit = kHandEyeProbabilityMin,
                    .unit = "probability",
@@ -234,7 +235,8 @@ std::optional<Refusal> check_consistency(const Job& job, const MeasuredCloud& cl
   if (worst && worst->p < pair_limit)
     return Refusal{.code = "locate.captures_contradict",
                    .where = "item " + job.item_id + between,
-                   .message = apart + "A sound cell looks like this once in " + once_in(worst->p) + " pairs." + next,
+                   .message = apart + "A sound cell shows such a pair once in " + once_in(worst->p) + asked(pair_limit) +
+                              " See that the part was not moved between the two; check their poses in the scan file and the sensor's mount, then scan again.",
                    .measured = worst->p,
                    .limit = pair_limit,
                    .unit = "probability",

@@ -53,7 +53,7 @@ Polyline touch_points(const Json& truth, const Polyline& p_base, const Eigen::Qu
     return Pose<frame::Flange, frame::Tool>(quaternion(truth[name]["quat"]), vec(truth[name]["xyz"]));
   };
   const auto tool_true = tool("flange_tool_true"), tool_given = tool("flange_tool_given");
-  const TrueRobot arm = arm_of(cell.robot, tool_given, truth["robot_seed"].get<std::uint64_t>());
+  const TrueRobot arm = arm_of(cell.robot, cell.tools[0].T_flange_tool, truth["robot_seed"].get<std::uint64_t>());
   Polyline out;
   for (const Vec3& want : p_base) {
     Pose<frame::Base, frame::Tool> command(q_base_tool, want);

@@ -255,7 +255,7 @@ Result<Done<std::filesystem::path>> simulate(const Scenario& sc, const std::file
   Random device_random = Random::stream(sc.seed, "device");
   for (SensorModel& m : models) draw_device(m, device_random);
 
-  const TrueRobot arm = arm_of(cell.robot, tool_given, sc.seed);
+  const TrueRobot arm = arm_of(cell.robot, cell.tools[0].T_flange_tool, sc.seed);
   {  // Both are calibrated by moving this arm about the cell: its mean error over those poses goes into both, and into a sensor's what its scale is off by at the
      // distance that it works in.
     const Pose<frame::Flange, frame::Flange> mean = mean_error(arm, robot, tool_given, sc.seed);

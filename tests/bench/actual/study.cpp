@@ -45,7 +45,7 @@ Truth load_truth(const fs::path& file, const Location& location) {
   const CellSpec cell = virtual_cell();
   const auto robot = Robot::from(cell.robot);
   const auto tool_true = pose<frame::Flange, frame::Tool>(t["flange_tool_true"]), tool_given = pose<frame::Flange, frame::Tool>(t["flange_tool_given"]);
-  const TrueRobot arm = arm_of(cell.robot, tool_given, t["robot_seed"].get<std::uint64_t>());
+  const TrueRobot arm = arm_of(cell.robot, cell.tools[0].T_flange_tool, t["robot_seed"].get<std::uint64_t>());
   const SensorSpec& sheet = cell.sensors[1];
   struct Capture {
     std::string feature;

@@ -6,7 +6,6 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cstdio>
-#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <sstream>
@@ -16,73 +15,41 @@
 #include "planner/calibrate/image_targets.hpp"
 #include "planner/calibrate/streams.hpp"
 #include "planner/inputs/inputs.hpp"
-#include "planner/inputs/table.hpp"
-#include "planner/io/file.hpp"
-#include "planner/io/zip_file.hpp"
+#include "tests/support/calibration_sets.hpp"
 
 namespace asbuilt {
 namespace {
 
-namespace fs = std::filesystem;
-const fs::path kData = "../shared/data/calibration";
-
-std::string whole(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  std::stringstream s;
-  s << in.rdbuf();
-  return s.str();
-}
+using namespace calibration_sets;
 
 class RealSets : public ::testing::Test {
  protected:
   fs::path folder;
-  bool is_kept = false;
   void SetUp() override {
     if (!fs::exists(kData)) GTEST_SKIP() << "../shared/data/calibration is not here";
-    const char* kept = std::getenv("KEEP_SETS");  // a folder: the captures files stay there, for the command line
-    is_kept = kept != nullptr;
-    folder = (kept ? fs::path(kept) : fs::temp_directory_path()) / ("asbuilt-" + std::string(::testing::UnitTest::GetInstance()->current_test_info()->name()));
+    folder = fs::temp_directory_path() / ("asbuilt-" + std::string(::testing::UnitTest::GetInstance()->current_test_info()->name()));
     fs::remove_all(folder);
     fs::create_directories(folder);
-    put("cell.yaml", whole("tests/refuse/base/cell.yaml"));
   }
   void TearDown() override {
-    if (!folder.empty() && !is_kept) fs::remove_all(folder);
+    if (!folder.empty()) fs::remove_all(folder);
   }
-  void put(const std::string& name, const std::string& text) const {
-    fs::create_directories((folder / name).parent_path());
-    std::ofstream(folder / name, std::ios::binary) << text;
+  /// As it is written for the command line.
+  Result<Done<CalibrationRequest>> read_set(const std::string& set) const {
+    if (!write_set(set, folder)) return refuse({.code = "test.no_set", .where = set, .message = "is not beside the project"});
+    return again();
   }
-  bool take(const std::string& set, const std::string& file, const std::string& as = "") const {
-    if (!fs::exists(kData / set / file)) return false;
-    put(as.empty() ? file : as, whole(kData / set / file));
-    return true;
-  }
-  Result<Done<CalibrationRequest>> read(const std::string& yaml) const {
-    put("captures.yaml", yaml);
-    return load_captures(folder / "captures.yaml", {false, "2026-11-20"});
+  Result<Done<CalibrationRequest>> again() const { return load_captures(folder / "captures.yaml", {false, "2026-11-20"}); }
+  /// The captures file with one text in place of another.
+  Result<Done<CalibrationRequest>> changed(const std::string& from, const std::string& to) const {
+    std::string text = whole(folder / "captures.yaml");
+    const auto at = text.find(from);
+    EXPECT_NE(at, std::string::npos) << from;
+    if (at != std::string::npos) text.replace(at, from.size(), to);
+    put(folder / "captures.yaml", text);
+    return again();
   }
 };
-
-/// An OpenCV FileStorage text with one list of x, y, z: the numbers as a CSV of x, z.
-std::string profile_csv(const std::string& yml) {
-  std::string csv = "x,z\n", number;
-  std::vector<std::string> row;
-  const std::size_t begin = yml.find('[');
-  for (std::size_t i = begin + 1; i < yml.size(); ++i) {
-    const char c = yml[i];
-    if (c == ',' || c == ']') {
-      row.push_back(number == ".Nan" || number == ".NaN" ? "nan" : number);
-      number.clear();
-      if (row.size() == 3) csv += row[0] + "," + row[2] + "\n", row.clear();
-      if (c == ']') break;
-    } else if (!std::isspace(static_cast<unsigned char>(c))) {
-      number += c;
-    }
-  }
-  // "1." is no number elsewhere
-  return csv;
-}
 
 /// Rms of every point within `gate` of the ball, not only of those that took part.
 double surface_rms(const CalibrationRequest& job, const Calibrated& c, double radius, double gate) {
@@ -126,11 +93,8 @@ double whole_least_squares_rms(const CalibrationRequest& job, const Calibrated& 
 }
 
 TEST_F(RealSets, line_laser_on_an_80_mm_ball) {
-  if (!take("line_laser_sphere80_a", "robot_poses_xyzwpr.txt", "poses.txt")) GTEST_SKIP() << "no line_laser_sphere80_a";
-  for (int i = 1; i <= 15; ++i) put("p" + std::to_string(i) + ".csv", profile_csv(whole(kData / "line_laser_sphere80_a" / ("p" + std::to_string(i) + ".yml"))));
-  const auto job = read(
-      "asbuilt: captures/1\ncell: cell.yaml\nsensor: wide\nnoise: 0.01\nrobot_sd: {position: 0.1, turn: 0.01}\ntarget: {kind: ball, diameter: 80}\n"
-      "poses: {file: poses.txt, xyz: [1, 2, 3], rpy: [4, 5, 6], profiles: 'p{}.csv'}\n");
+  if (!fs::exists(kData / "line_laser_sphere80_a")) GTEST_SKIP() << "no line_laser_sphere80_a";
+  const auto job = read_set("line_laser_sphere80_a");
   ASSERT_TRUE(job.has_value()) << job.error().front().where << job.error().front().message;
   CalibrationRequest j = job->artefact;
   j.nominal.reset();  // nothing is known beforehand
@@ -150,11 +114,8 @@ TEST_F(RealSets, line_laser_on_an_80_mm_ball) {
 }
 
 TEST_F(RealSets, line_laser_on_a_25_mm_ball_with_clutter_and_holes) {
-  if (!take("line_laser_sphere25", "robot_poses_xyzwpr.txt", "poses.txt")) GTEST_SKIP() << "no line_laser_sphere25";
-  for (int i = 1; i <= 10; ++i) put("p" + std::to_string(i) + ".csv", profile_csv(whole(kData / "line_laser_sphere25" / (std::to_string(i) + "_3C_line.yml"))));
-  const auto job = read(
-      "asbuilt: captures/1\ncell: cell.yaml\nsensor: wide\nnoise: 0.1\nrobot_sd: {position: 0.2, turn: 0.02}\ntarget: {kind: ball, diameter: 25.4}\n"
-      "poses: {file: poses.txt, xyz: [1, 2, 3], rpy: [4, 5, 6], profiles: 'p{}.csv'}\n");
+  if (!fs::exists(kData / "line_laser_sphere25")) GTEST_SKIP() << "no line_laser_sphere25";
+  const auto job = read_set("line_laser_sphere25");
   ASSERT_TRUE(job.has_value()) << job.error().front().where << job.error().front().message;
   CalibrationRequest j = job->artefact;
   j.nominal.reset();
@@ -171,15 +132,9 @@ TEST_F(RealSets, line_laser_on_a_25_mm_ball_with_clutter_and_holes) {
   EXPECT_GT(c.solved.turn_sd_rad, rad_from_deg(0.5));  // ten profiles leave the turn open, and the report says so
 }
 
-/// The tracker's tables as they come: semicolons, decimal commas, metres beside millimetres.
-const char* kTracker =
-    "asbuilt: captures/1\ncell: cell.yaml\nsensor: tracker\nmount: base\nnoise: 0.03\nnoise_turn: 0.01\ntarget: {kind: pose}\n"
-    "poses: {file: t.csv, units: m, xyz: [flange_x, flange_y, flange_z], quat: [flange_qw, flange_qx, flange_qy, flange_qz], sensor_xyz: [measurement_x, measurement_y, measurement_z], "
-    "sensor_xyz_turns: [measurement_rx, measurement_ry, measurement_rz]}\n";
-
 TEST_F(RealSets, tracker_on_a_ur10_the_residual_is_the_robot) {
-  if (!take("tracker_ur10_B", "calibration_handeye.csv", "t.csv")) GTEST_SKIP() << "no tracker_ur10_B";
-  const auto job = read(kTracker);
+  if (!fs::exists(kData / "tracker_ur10_B")) GTEST_SKIP() << "no tracker_ur10_B";
+  const auto job = read_set("tracker_ur10_B");
   ASSERT_TRUE(job.has_value()) << job.error().front().where << job.error().front().message;
   EXPECT_TRUE(std::any_of(job->notes.begin(), job->notes.end(), [](const Note& n) { return n.code == "input.decimal_comma"; }));
   const auto r = calibrate(job->artefact);
@@ -199,48 +154,24 @@ TEST_F(RealSets, tracker_on_a_ur10_the_residual_is_the_robot) {
   // stray NUL bytes are left out and said
   std::string text = whole(kData / "tracker_ur10_B" / "calibration_handeye.csv");
   text.insert(text.find('\n') + 1, std::string(3, '\0'));
-  put("t.csv", text);
-  const auto nul = read(kTracker);
+  put(folder / "t.csv", text);
+  const auto nul = again();
   ASSERT_TRUE(nul.has_value());
   EXPECT_TRUE(std::any_of(nul->notes.begin(), nul->notes.end(), [](const Note& n) { return n.code == "input.nul_bytes"; }));
   EXPECT_EQ(nul->artefact.captures.size(), 25u);
 }
 
 TEST_F(RealSets, ur10_identified_from_tracker_poses) {
-  // physical UR10: DH as the tracker sets need them
-  const std::vector<DhJoint> nominal{{127.3, 0, 0, kPi / 2}, {0, 0, -612, 0}, {0, 0, -572.3, 0}, {163.941, 0, 0, kPi / 2}, {115.7, 0, 0, -kPi / 2}, {92.2, 0, 0, 0}};
   for (const char* set : {"tracker_ur10_B/measurements_joint_configurations.csv", "tracker_ur10_C/measurements_random_poses.csv"}) {
     if (!fs::exists(kData / set)) GTEST_SKIP() << "no " << set;
-    const inputs::Table t = inputs::parse_table(whole(kData / set), set);
-    const char* names[] = {"shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint"};
-    const char* measured[] = {"measurement_x", "measurement_y", "measurement_z", "measurement_rx", "measurement_ry", "measurement_rz"};
     Network n;
     n.sight = Sight::pose, n.is_sensor_fixed = true;
-    std::vector<NetworkView> all;
-    for (std::size_t i = 0; i < t.rows.size(); ++i) {
-      NetworkView v;
-      v.name = "row " + std::to_string(i);
-      double m[6];
-      bool ok = true;
-      for (const char* name : names) {
-        const auto x = t.number(i, *t.column(name));
-        ok = ok && x && std::isfinite(*x);
-        v.joints.push_back(x.value_or(0));
-      }
-      for (int k = 0; k < 6; ++k) {
-        const auto x = t.number(i, *t.column(measured[k]));
-        ok = ok && x && std::isfinite(*x);
-        m[k] = x.value_or(0);
-      }
-      if (!ok) continue;
-      v.T_sensor_target = Pose<frame::Sensor, frame::Target>(quat_exp(Vec3(rad_from_deg(m[3]), 0, 0)) * quat_exp(Vec3(0, rad_from_deg(m[4]), 0)) * quat_exp(Vec3(0, 0, rad_from_deg(m[5]))), Vec3(m[0], m[1], m[2]));
-      all.push_back(std::move(v));
-    }
+    const std::vector<NetworkView> all = ur10_views(kData / set);
     // 60 for the fit, 60 others to judge by
     std::vector<NetworkView> judge;
     for (std::size_t i = 0; i < 120; ++i) (i % 2 ? judge : n.views).push_back(all[i * all.size() / 120]);
     const ArmRecipe recipe;
-    const ArmParameters arm = dh_parameters(recipe, nominal);
+    const ArmParameters arm = dh_parameters(recipe, ur10());
     const auto held_out = [&](Network net, bool is_corrected, NetworkSolution& sol, std::vector<Vec3>& errors) {
       if (is_corrected) correct_arm(net, arm);
       else
@@ -274,15 +205,8 @@ TEST_F(RealSets, ur10_identified_from_tracker_poses) {
 }
 
 TEST_F(RealSets, fixed_camera_and_board_on_the_flange) {
-  if (!take("zivid_eye_to_hand_a", "corners.csv") || !take("zivid_eye_to_hand_a", "robot_poses.csv")) GTEST_SKIP() << "no zivid_eye_to_hand_a";
-  const std::string yaml =
-      "asbuilt: captures/1\ncell: cell.yaml\nsensor: zivid\nmount: base\nnoise: 0.1\nrobot_sd: {position: 0.3, turn: 0.05}\ntarget: {kind: checkerboard, columns: 9, rows: 7, pitch: PITCH}\n"
-      "poses: {file: robot_poses.csv, name: image, units: m, xyz: [x_m, y_m, z_m], quat: [qw, qx, qy, qz], points: corners.csv}\n";
-  const auto with = [&](const std::string& pitch) {
-    std::string y = yaml;
-    return read(y.replace(y.find("PITCH"), 5, pitch));
-  };
-  const auto job = with("10");
+  if (!fs::exists(kData / "zivid_eye_to_hand_a")) GTEST_SKIP() << "no zivid_eye_to_hand_a";
+  const auto job = read_set("zivid_eye_to_hand_a");
   ASSERT_TRUE(job.has_value()) << job.error().front().where << job.error().front().message;
   const auto r = calibrate(job->artefact);
   ASSERT_TRUE(r.has_value()) << r.error().front().message;
@@ -307,7 +231,7 @@ TEST_F(RealSets, fixed_camera_and_board_on_the_flange) {
   EXPECT_LT(turn / n, 0.264);
   // the extrinsics that came with the set are another set's: the target's place contradicts them by more than they could be off
   EXPECT_GT(c.T_flange_sensor.p_mm.norm(), 1000);  // upstream says 264 mm
-  const auto wrong = with("10.5");
+  const auto wrong = changed("pitch: 10}", "pitch: 10.5}");
   ASSERT_TRUE(wrong.has_value());
   const auto w = calibrate(wrong->artefact);
   ASSERT_FALSE(w.has_value());
@@ -315,29 +239,14 @@ TEST_F(RealSets, fixed_camera_and_board_on_the_flange) {
 }
 
 TEST_F(RealSets, charuco_before_a_fixed_camera_with_stale_intrinsics) {
-  const fs::path set = kData / "charuco_static_camera";
-  if (!fs::exists(set)) GTEST_SKIP() << "no charuco_static_camera";
-  take("charuco_static_camera", "corners.csv");
-  std::string poses = "image,x,y,z,qw,qx,qy,qz\n";
-  for (int i = 0; i < 16; ++i) {
-    std::map<std::string, std::string> v;
-    std::istringstream in(whole(set / "poses" / (std::to_string(i) + ".yaml")));
-    for (std::string line; std::getline(in, line);)
-      if (const auto colon = line.find(": "); colon != std::string::npos) v[line.substr(0, colon)] = line.substr(colon + 2);
-    poses += std::to_string(i) + "," + v["x"] + "," + v["y"] + "," + v["z"] + "," + v["qw"] + "," + v["qx"] + "," + v["qy"] + "," + v["qz"] + "\n";
-  }
-  put("poses.csv", poses);
-  const std::string head =
-      "asbuilt: captures/1\ncell: cell.yaml\nsensor: mako\nmount: base\nnoise: 0.3\ntarget: {kind: charuco, columns: 4, rows: 6, pitch: 36.195, marker: 18.256}\n"
-      "poses: {file: poses.csv, name: image, units: m, xyz: [x, y, z], quat: [qw, qx, qy, qz], points: corners.csv}\n";
-  const std::string given = "intrinsics: {fx: 1352.02747, fy: 1356.14287, cx: 789.67065, cy: 627.2995}\n";
-  const auto stale_job = read(head + given);
+  if (!fs::exists(kData / "charuco_static_camera")) GTEST_SKIP() << "no charuco_static_camera";
+  const auto free_job = read_set("charuco_static_camera");
+  ASSERT_TRUE(free_job.has_value()) << free_job.error().front().where << free_job.error().front().message;
+  const auto stale_job = changed("intrinsics_free: true\n", "");
   ASSERT_TRUE(stale_job.has_value()) << stale_job.error().front().where << stale_job.error().front().message;
   const auto stale = calibrate(stale_job->artefact);
   ASSERT_FALSE(stale.has_value());
   EXPECT_EQ(stale.error().front().code, "calibrate.intrinsics_stale") << stale.error().front().message;
-  const auto free_job = read(head + given + "intrinsics_free: true\n");
-  ASSERT_TRUE(free_job.has_value());
   const auto free = calibrate(free_job->artefact);
   ASSERT_TRUE(free.has_value()) << free.error().front().message;
   double sum = 0, n = 0;
@@ -363,35 +272,13 @@ TEST_F(RealSets, charuco_before_a_fixed_camera_with_stale_intrinsics) {
 }
 
 TEST_F(RealSets, two_axis_positioner_with_two_parameters_that_cannot_be_known) {
-  const fs::path file = kData / "positioner_2axis" / "measurements.yaml";
-  if (!fs::exists(file)) GTEST_SKIP() << "no positioner_2axis";
+  if (!fs::exists(kData / "positioner_2axis")) GTEST_SKIP() << "no positioner_2axis";
   Network n;
   n.sight = Sight::pose, n.is_sensor_fixed = true;
-  std::istringstream in(whole(file));
-  std::map<std::string, double> p;
-  std::vector<double> joints;
-  std::size_t row = 0;
-  const auto flush = [&]() {
-    if (joints.size() == 2) {
-      NetworkView v;
-      v.name = "row " + std::to_string(row++);
-      v.joints = joints;
-      v.T_sensor_target = Pose<frame::Sensor, frame::Target>(Eigen::Quaterniond(p["qw"], p["qx"], p["qy"], p["qz"]).normalized(), 1000 * Vec3(p["x"], p["y"], p["z"]));
-      n.views.push_back(v);
-    }
-    joints.clear();
-  };
-  for (std::string line; std::getline(in, line);) {
-    if (line[0] == '\'') flush();
-    const auto colon = line.find(": ");
-    if (line.find("- ") != std::string::npos && colon == std::string::npos) joints.push_back(std::stod(line.substr(line.find("- ") + 2)));
-    else if (colon != std::string::npos) p[line.substr(line.find_first_not_of(' '), colon - line.find_first_not_of(' '))] = std::atof(line.c_str() + colon + 2);
-  }
-  flush();
+  n.views = positioner_views();
   ASSERT_EQ(n.views.size(), 205u);
-  const Pose<frame::Base, frame::Base> B(quat_exp(Vec3(kPi / 2, 0, 0)), Vec3(2200, 0, 1600));
   const ArmRecipe recipe{.length_sd_mm = 2, .angle_sd_rad = 5e-3};
-  const ArmParameters arm = dh_parameters(recipe, {{0, 0, 0, -kPi / 2}, {-475, -kPi / 2, 0, 0}}, B);
+  const ArmParameters arm = positioner(recipe);
   double turn_sd_rad = 5e-4, robot_sd_mm = 0.2, robot_sd_rad = 5e-4;
   const auto mean_of = [&](bool is_corrected, NetworkSolution& sol) {
     Network net = n;
@@ -428,45 +315,17 @@ TEST_F(RealSets, two_axis_positioner_with_two_parameters_that_cannot_be_known) {
 }
 
 TEST_F(RealSets, moving_robot_and_camera_with_clocks_of_their_own) {
-  const fs::path file = kData / "eth_handeye" / "robot_arm_w_color_camera_real.zip";
-  if (!fs::exists(file)) GTEST_SKIP() << "no eth_handeye";
-  const std::string zip = whole(file);
-  const auto stream = [&](const char* end) {
-    const auto text = read_zip_entry(zip, end, 1u << 24);
-    std::vector<TimedPose> out;
-    if (!text) return out;
-    const inputs::Table t = inputs::parse_table(*text, end);
-    for (std::size_t i = 0; i < t.rows.size(); ++i) {
-      double v[8];
-      for (std::size_t k = 0; k < 8; ++k) v[k] = t.number(i, k).value_or(NAN);
-      out.push_back({v[0], Eigen::Quaterniond(v[7], v[4], v[5], v[6]).normalized(), 1000 * Vec3(v[1], v[2], v[3])});
-    }
-    std::sort(out.begin(), out.end(), [](const TimedPose& a, const TimedPose& b) { return a.t_s < b.t_s; });
-    return out;
-  };
-  const auto hand = stream("hinge.csv"), eye = stream("target_ir.csv");
+  if (!fs::exists(kData / "eth_handeye")) GTEST_SKIP() << "no eth_handeye";
+  const auto [hand, eye] = eth_streams();
   ASSERT_GT(hand.size(), 1000u);
   ASSERT_GT(eye.size(), 1000u);
-  const MotionStreamRecipe recipe;
-  const auto match = match_streams(recipe, hand, eye);
+  const auto match = match_streams({}, hand, eye);
   ASSERT_TRUE(match.has_value()) << match.error().front().message;
-  // hand in base, camera in target: views where the flange has turned on
   Network n;
   n.sight = Sight::pose;
+  n.views = eth_views({hand, eye}, match->offset_s);
   std::vector<MotionView> motions;
-  std::optional<TimedPose> last;
-  for (const TimedPose& e : eye) {
-    const auto h = pose_at(hand, e.t_s + match->offset_s, recipe.gap_max_s);
-    if (!h || (last && quat_log(last->q.conjugate() * h->q).norm() < 0.1 && (last->p_mm - h->p_mm).norm() < 60)) continue;
-    last = h;
-    NetworkView v;
-    v.name = "t " + std::to_string(e.t_s - eye.front().t_s);
-    v.T_base_flange = {h->q, h->p_mm};
-    const Pose<frame::Target, frame::Sensor> camera(e.q, e.p_mm);
-    v.T_sensor_target = camera.inverse();
-    n.views.push_back(v);
-    motions.push_back({v.name, place_mount(v.T_base_flange, false), *v.T_sensor_target});
-  }
+  for (const NetworkView& v : n.views) motions.push_back({v.name, place_mount(v.T_base_flange, false), *v.T_sensor_target});
   CalibrateRecipe r;
   r.network.sensor_sd_mm = 3, r.network.sensor_sd_rad = 5e-3, r.network.robot_sd_mm = 3, r.network.robot_sd_rad = 3e-3, r.point_sd_max_mm = 5, r.poses_to_add_count = 0;
   const auto solved = calibrate_network(r, n, motion_starts(motions, 0.5));

@@ -2,6 +2,7 @@
 // Probabilities of a sound cell: the tail itself, and what faults do to it.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "planner/fuse/fuse.hpp"
@@ -56,6 +57,39 @@ TEST(Consistency, AFaultIsLessLikelyTheLargerItIs) {
     EXPECT_LT(r.measured, before);
     before = r.measured;
     EXPECT_NE(r.message.find("sensor"), std::string::npos) << r.message;
+  }
+}
+
+/// The first detail view taken once more, last of all; of the repeated one every point is moved as if the part had been.
+std::string code_with_repeated_view(const Vec3& moved_mm, Refusal* refusal = nullptr) {
+  PartSpec part = make_ring();
+  add_feature(part, "lug1", {"top-4", "top-5", "top-6"});
+  Job job = make_job(std::move(part), true);
+  ScanOptions o;
+  o.seed = 41;
+  std::vector<View> views = usual_views({{"lug1", Vec3(105, 105, 40)}}, true);
+  const auto first = std::find_if(views.begin(), views.end(), [](const View& v) { return v.sensor == 1; });
+  views.push_back(View(*first));
+  scan(job, views, o);
+  Capture& last = job.captures.back();
+  const auto R = (last.T_base_flange * job.cell.sensors[1].T_flange_sensor).rotation();
+  for (Eigen::Vector3f& p : last.points_sensor) p += (R.transpose() * moved_mm).cast<float>();
+  const auto cloud = fuse({}, job);
+  if (!cloud) return cloud.error().front().code;
+  const auto found = locate({}, job, cloud->artefact);
+  if (found) return "";
+  if (refusal) *refusal = found.error().front();
+  return found.error().front().code;
+}
+
+TEST(Consistency, APartMovedBetweenTwoViewsIsNamedByBoth) {
+  EXPECT_EQ(code_with_repeated_view(Vec3::Zero()), "");
+  for (const Vec3& moved : {Vec3(0.35, -0.3, 0), Vec3(0, 0, 0.4)}) {
+    Refusal r;
+    ASSERT_EQ(code_with_repeated_view(moved, &r), "locate.captures_contradict") << moved.transpose();
+    EXPECT_LT(r.measured, r.limit);
+    EXPECT_NE(r.message.find("moved between"), std::string::npos) << r.message;
+    EXPECT_NE(r.message.find("rarer than once in"), std::string::npos) << r.message;
   }
 }
 
