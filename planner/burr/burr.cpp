@@ -118,14 +118,15 @@ Result<Done<Burrs>> measure_burrs(const BurrRecipe& recipe, const Job& job, cons
       burr.height_mm.push_back(is_seen ? h : kNan);
       burr.height_sd_mm.push_back(is_seen ? std::hypot(posterior.sd_mm[i], found.shared_sd_mm[i]) : kNan);
       // What cannot be ruled out: where the flank was sampled well, what the samples make likely and no less than the tallest one
-      // within a millimetre; else all that the process knows of; but never more than the rays leave room for.
+      // within a millimetre, whatever rays of other captures seem to pass (a curled fin and the captures' own errors let them by); else all that the process knows of,
+      // but no more than the rays leave room for.
       // What the captures' zeros leave open moves all samples of a stretch together: the chain does not know of it.
       double likely = h + std::hypot(std::max(0.0, posterior.upper_mm[i] - h), 1.96 * found.shared_sd_mm[i]);
       for (const HeightSample& p : found.samples)
         if (p.inlier_ratio > 0.3 && std::abs(p.s_mm - edge.s_mm[i]) < 1) likely = std::max(likely, p.height_mm);
       const bool is_sampled = is_seen && !is_hidden && density[i] * 0.15 * 3 > 2;
       const double carved = carved_height_mm(section, edge.s_mm[i], lean[i], 0.5) + 3 * section.noise_mm;
-      burr.height_upper_mm.push_back(std::max(is_seen ? h : 0.0, std::min(is_sampled ? likely : std::max(limit, likely), carved)));
+      burr.height_upper_mm.push_back(std::max(is_seen ? h : 0.0, is_sampled ? likely : std::min(std::max(limit, likely), carved)));
       double width = 0, area = 0;
       if (!is_none && is_seen && h > how.threshold_mm) {
         const double angle = std::isfinite(lean[i]) ? lean[i] : kPi / 4;

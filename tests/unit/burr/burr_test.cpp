@@ -69,11 +69,14 @@ TEST(Burr, FinsOfEveryHeightAreMeasured) {
       job.recipes[0].burr_max_height_mm = 3;
       const Burrs b = measured(job, measure(scans, some_place(), 2), plate_features({}));
       double square = 0, bias = 0;
-      int count = 0;
+      int count = 0, covered = 0;
       for (std::size_t i = 4; i + 4 < b.edges[0].height_mm.size(); ++i) {
         const double d = b.edges[0].height_mm[i] - fin.height(0.5 * static_cast<double>(i));
         square += d * d, bias += d, ++count;
+        covered += fin.height(0.5 * static_cast<double>(i)) <= b.edges[0].height_upper_mm[i];
       }
+      // Rays to the faces go right through these fins here, as they seem to where a capture is off: samples of the flank outweigh them.
+      EXPECT_GE(covered, 0.95 * count) << level << " " << lean;
       EXPECT_LT(std::sqrt(square / count), 0.05) << level << " " << lean;
       EXPECT_LT(std::abs(bias / count), 0.03 + 0.02 * level) << level << " " << lean;
     }
