@@ -173,7 +173,7 @@ void describe_observability(const CadModel& cad, const AdjustRequest& request, c
   }
 }
 
-std::optional<Refusal> check_converged(const Job& job, const Adjusted& adjusted) {
+std::optional<Refusal> check_enough(const Job& job, const Adjusted& adjusted) {
   if (adjusted.state.cluster_count < kCellsMin)
     return Refusal{.code = "locate.not_converged",
                    .where = "item " + job.item_id,
@@ -183,6 +183,10 @@ std::optional<Refusal> check_converged(const Job& job, const Adjusted& adjusted)
                    .limit = static_cast<double>(kCellsMin),
                    .unit = "cells",
                    .stage = "locate"};
+  return std::nullopt;
+}
+
+std::optional<Refusal> check_converged(const Job& job, const Adjusted& adjusted) {
   if (!adjusted.is_converged)
     return Refusal{.code = "locate.not_converged",
                    .where = "item " + job.item_id,
@@ -191,6 +195,20 @@ std::optional<Refusal> check_converged(const Job& job, const Adjusted& adjusted)
                    .measured = adjusted.state.step_mm,
                    .limit = 0.02,
                    .unit = "mm",
+                   .stage = "locate"};
+  return std::nullopt;
+}
+
+std::optional<Refusal> check_observable(const Job& job, const Location& location) {
+  if (!location.singular_values.empty() && location.singular_values.back() < kInformationMin)
+    return Refusal{.code = "locate.unobservable",
+                   .where = "item " + job.item_id,
+                   .message = "The scans do not hold the part in " + std::to_string(location.weak_directions.size()) + " direction(s), first " +
+                              (location.weak_directions.empty() ? std::string("unknown") : location.weak_directions.front()) +
+                              "; scan faces that stand across this direction.",
+                   .measured = location.singular_values.back(),
+                   .limit = kInformationMin,
+                   .unit = "ratio",
                    .stage = "locate"};
   return std::nullopt;
 }
@@ -246,20 +264,9 @@ std::optional<Refusal> check_consistency(const Job& job, const MeasuredCloud& cl
 
 }  // namespace
 
-std::optional<Refusal> check_adjusted(const LocateRecipe& recipe, const Job& job, const CadModel& cad, const MeasuredCloud& cloud,
-                                      const RobotPrior& prior, const AdjustRequest& request, const Adjusted& adjusted, const Location& location) {
-  const std::string item = "item " + job.item_id;
+std::optional<Refusal> check_adjusted(const Job& job, const MeasuredCloud& cloud, const RobotPrior& prior, const AdjustRequest& request,
+                                      const Adjusted& adjusted, const Location& location) {
   if (auto refusal = check_consistency(job, cloud, prior, request, adjusted)) return refusal;
-  if (!location.singular_values.empty() && location.singular_values.back() < kInformationMin)
-    return Refusal{.code = "locate.unobservable",
-                   .where = item,
-                   .message = "The scans do not hold the part in " + std::to_string(location.weak_directions.size()) + " direction(s), first " +
-                              (location.weak_directions.empty() ? std::string("unknown") : location.weak_directions.front()) +
-                              "; scan faces that stand across this direction.",
-                   .measured = location.singular_values.back(),
-                   .limit = kInformationMin,
-                   .unit = "ratio",
-                   .stage = "locate"};
   return check_play(job, location.T_base_part);
 }
 

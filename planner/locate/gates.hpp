@@ -23,12 +23,18 @@ Mat6 play_information(const FixtureSpec& fixture, const Pose<frame::Base, frame:
 /// Fills singular_values and weak_directions: generalised eigenproblem of the data's information against the play's.
 void describe_observability(const CadModel& cad, const AdjustRequest& request, const Adjusted& adjusted, Location& location);
 
-/// locate.not_converged: too little to adjust, or the last step was still long.
+/// locate.not_converged: too little to adjust.
+std::optional<Refusal> check_enough(const Job& job, const Adjusted& adjusted);
+
+/// locate.unobservable: a direction that the data do not hold better than the play, in words. Needs describe_observability.
+std::optional<Refusal> check_observable(const Job& job, const Location& location);
+
+/// locate.not_converged: the last step was still long.
 std::optional<Refusal> check_converged(const Job& job, const Adjusted& adjusted);
 
-/// locate.captures_contradict, locate.unobservable, locate.outside_play, locate.no_match.
-std::optional<Refusal> check_adjusted(const LocateRecipe& recipe, const Job& job, const CadModel& cad, const MeasuredCloud& cloud,
-                                      const RobotPrior& prior, const AdjustRequest& request, const Adjusted& adjusted, const Location& location);
+/// locate.captures_contradict, locate.outside_play.
+std::optional<Refusal> check_adjusted(const Job& job, const MeasuredCloud& cloud, const RobotPrior& prior, const AdjustRequest& request,
+                                      const Adjusted& adjusted, const Location& location);
 
 /// locate.outside_play. A little more is let through than asked, because the fixture's own place is known to the robot's accuracy only.
 std::optional<Refusal> check_play(const Job& job, const Pose<frame::Base, frame::Part>& T_base_part);

@@ -115,7 +115,7 @@ Result<Done<Location>> locate(const LocateRecipe& recipe, const Job& job, const 
   request.start = found.front().T_base_part;
   request.part_prior_information = play_information(job.fixture, request.start, prior->center_base);
   const Adjusted adjusted = adjust(request);
-  if (auto refusal = check_converged(job, adjusted)) return refuse(std::move(*refusal));
+  if (auto refusal = check_enough(job, adjusted)) return refuse(std::move(*refusal));
 
   Done<Location> done;
   done.artefact = make_location(job, cad, *prior, adjusted);
@@ -123,7 +123,10 @@ Result<Done<Location>> locate(const LocateRecipe& recipe, const Job& job, const 
   done.artefact.inlier_ratio = found.front().inlier_ratio;
   done.notes = prior->notes;
   describe_observability(cad, request, adjusted, done.artefact);
-  if (auto refusal = check_adjusted(recipe, job, cad, cloud, *prior, request, adjusted, done.artefact)) return refuse(std::move(*refusal));
+  // A direction that nothing holds is the reason why the part goes on moving along it: it is named first.
+  if (auto refusal = check_observable(job, done.artefact)) return refuse(std::move(*refusal));
+  if (auto refusal = check_converged(job, adjusted)) return refuse(std::move(*refusal));
+  if (auto refusal = check_adjusted(job, cloud, *prior, request, adjusted, done.artefact)) return refuse(std::move(*refusal));
   done.notes.push_back({Note::Level::note, "locate.quality",
                         "captures agree on shared faces to " + fixed_number(adjusted.state.shared_rms_mm, 4) + " mm (1 sd of one, " +
                             std::to_string(adjusted.state.shared_count) + " pairs); faces deviate by " +
